@@ -13,13 +13,13 @@ verify.py, so a refit takes seconds. `--model DIR` fits for the network of that 
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.answers import RENDERED, UNSTATED, WEIGHTS, Judged, answers, code_digest
+from benchmarks.answers import RENDERED, UNSTATED, WEIGHTS, Judged, answers, code_digest, judged_anew
 from benchmarks.training_sets import FAMILIES, MADE, SETS
 from visloc_companion.evaluate.image_metrics import CaseError, CaseResult, case_error
 from visloc_companion.evaluate.protection import CHI2_95
@@ -27,7 +27,7 @@ from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise import iclk, mutual_information
 from visloc_companion.localise.dense import LOOK_AGAIN_ABOVE
 from visloc_companion.localise.settings import Looks
-from visloc_companion.localise.verify import Evidence, probability_near
+from visloc_companion.localise.verify import Evidence, fewer_places, probability_near
 
 LIMITS = (0.1, 0.05, 0.03, 0.01, 0.003)
 Array = NDArray[np.float64]
@@ -37,12 +37,14 @@ Array = NDArray[np.float64]
 class Samples:
     """Regressors (N, K), whether right (N,) and family (N,) of every answer; `near` are errors that are no wrong matches.
 
-    `sure` (N,) is the probability that the right place is near enough by its claimed sigma, 1 for methods that do without it.
+    `sure` (N,) is the probability that the right place is near enough by its claimed sigma, 1 for methods that do without it,
+    `fewer` (N,) the nats by which fewer places were searched than the weights are for, 0 for such methods.
     """
 
     x: Array
     right: Array
     sure: Array
+    fewer: Array
     family: NDArray[np.str_]
     near: dict[str, list[CaseError]]
 
@@ -74,12 +76,15 @@ def main() -> None:
     _fitted(collect(args.method, first))
     if args.method == "deep":
         print("\nThe second look at what the first one declines")
-        second, taken = judged_by(Looks.SECOND), {r.case_id for pairs in first.values() for r, _ in pairs if _accepted(r)}
+        second, taken = judged_by(Looks.SECOND), {r.case_id for pairs in first.values() for r, _ in pairs if _convincing(r)}
         _fitted(collect(args.method, {name: [j for j in second[name] if _again(j, taken)] for name in second}))
 
 
-def _accepted(result: CaseResult) -> bool:
-    return result.fix is not None and result.fix.probability_wrong <= LOOK_AGAIN_ABOVE
+def _convincing(result: CaseResult) -> bool:
+    """As `looks.convincing` has it of the first look of `deep`."""
+    evidence = {name: value for name, value in result.evidence.items() if name != "prior_px"}
+    unaided = judged_anew(replace(result, evidence=evidence), "deep").fix
+    return unaided is not None and unaided.probability_wrong <= LOOK_AGAIN_ABOVE
 
 
 def _again(judged: Judged, taken: set[str]) -> bool:
@@ -90,14 +95,15 @@ def _again(judged: Judged, taken: set[str]) -> bool:
 
 def _fitted(samples: Samples) -> None:
     """Fit and print."""
-    weights = fit_logistic(samples.x, samples.right, samples.sure)
+    weights = fit_logistic(samples.x, samples.right, samples.sure, samples.fewer)
     print("\nweights", tuple(float(f"{w:.3g}") for w in weights))
-    print(_honesty("fitted and judged on all", probability_wrong(samples.x, weights, samples.sure), samples.right))
+    all_p = probability_wrong(samples.x, weights, samples.sure, samples.fewer)
+    print(_honesty("fitted and judged on all", all_p, samples.right))
     for family in sorted(set(samples.family)):
         here = samples.family == family
         if 0 < samples.right[~here].sum() < (~here).sum():
-            others = fit_logistic(samples.x[~here], samples.right[~here], samples.sure[~here])
-            p = probability_wrong(samples.x[here], others, samples.sure[here])
+            others = fit_logistic(samples.x[~here], samples.right[~here], samples.sure[~here], samples.fewer[~here])
+            p = probability_wrong(samples.x[here], others, samples.sure[here], samples.fewer[here])
             print(_honesty(f"fitted without {family}, judged on it", p, samples.right[here]))
     for family, errors in samples.near.items():
         print(_covariance_line(family, errors))
@@ -106,7 +112,7 @@ def _fitted(samples: Samples) -> None:
 def collect(method: str, judged: dict[str, list[Judged]]) -> Samples:
     """What the fit is on, from the answers of all sets. A refusal that holds whatever is claimed is no sample, nor is an answer
     that is between wrong and far and lies within its claimed ellipse: that place is right."""
-    x, right, sure, family = [], [], [], []
+    x, right, sure, fewer, family = [], [], [], [], []
     near: dict[str, list[CaseError]] = {}
     for name, pairs in judged.items():
         place = next(f for f, names in FAMILIES.items() if name in names)
@@ -115,13 +121,16 @@ def collect(method: str, judged: dict[str, list[Judged]]) -> Samples:
             if error is None or (error.wrong and not error.far and error.chi2 <= CHI2_95):
                 continue
             x.append(regressors(method, result))
-            sure.append(probability_near(result.evidence["sigma_px"]) if method in WEIGHTS else 1.0)
+            evidence = Evidence.from_numbers(result.evidence) if method in WEIGHTS else None
+            near_by_sigma = evidence and probability_near(evidence.sigma_px, evidence.prior_px, evidence.position_sigmas)
+            sure.append(1.0 if near_by_sigma is None else near_by_sigma)
+            fewer.append(0.0 if evidence is None else fewer_places(evidence.prior_px))
             right.append(not error.wrong)
             family.append(place)
             if not error.wrong:
                 near.setdefault(place, []).append(error)
-    table, truths, near_enough = (np.array(values, dtype=np.float64) for values in (x, right, sure))
-    return Samples(table, truths, near_enough, np.array(family), near)
+    table, truths, near_enough, nats = (np.array(values, dtype=np.float64) for values in (x, right, sure, fewer))
+    return Samples(table, truths, near_enough, nats, np.array(family), near)
 
 
 def regressors(method: str, result: CaseResult) -> tuple[float, ...]:
@@ -136,22 +145,22 @@ def regressors(method: str, result: CaseResult) -> tuple[float, ...]:
     return (1.0, e["inliers"]) if method == "keypoint" else (1.0, e["score"], 1 - e["runner_up"])
 
 
-def probability_wrong(x: Array, weights: Array, sure: Array | float = 1.0) -> Array:
-    """(N,) of regressors (N, K), and of the probability (N,) that the right place is near enough."""
-    return np.asarray(1 - sure / (1 + np.exp(-np.clip(x @ weights, -50, 50))), dtype=np.float64)
+def probability_wrong(x: Array, weights: Array, sure: Array | float = 1.0, known: Array | float = 0.0) -> Array:
+    """(N,) of regressors (N, K), of the probability (N,) that the right place is near enough, and of nats (N,) that are known."""
+    return np.asarray(1 - sure / (1 + np.exp(-np.clip(x @ weights + known, -50, 50))), dtype=np.float64)
 
 
-def fit_logistic(x: Array, y: Array, sure: Array | float = 1.0, ridge: float = 0.3) -> Array:
+def fit_logistic(x: Array, y: Array, sure: Array | float = 1.0, known: Array | float = 0.0, ridge: float = 0.3) -> Array:
     """Weights of a logistic regression with a slight ridge on all but the constant, by Fisher's scoring.
 
-    y (N,) is 1 with the probability sure (N,) times the logistic function of x (N, K) and the weights.
+    y (N,) is 1 with the probability sure (N,) times the logistic function of x (N, K) and the weights, and nats known (N,).
     """
     scale = np.append(1.0, np.maximum(x[:, 1:].std(0), 1e-9))
     sure = np.minimum(sure, 1 - 1e-12)
     x, weights = x / scale, np.zeros(x.shape[1])
     penalty = np.diag([0.0] + [ridge] * (x.shape[1] - 1))
     for _ in range(100):
-        p = 1 / (1 + np.exp(-np.clip(x @ weights, -30, 30)))
+        p = 1 / (1 + np.exp(-np.clip(x @ weights + known, -30, 30)))
         slope = (1 - p) / (1 - sure * p)  # of the log-odds of y over those of the place
         gradient = x.T @ ((y - sure * p) * slope) - penalty @ weights
         fisher = (x * (sure * p * (1 - p) * slope)[:, None]).T @ x

@@ -12,7 +12,7 @@ from visloc_companion.localise.claims import claimed_covariance
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import full_level
-from visloc_companion.localise.looks import Look, Why, accepted, looked, surer
+from visloc_companion.localise.looks import Look, Why, convincing, looked, surer
 from visloc_companion.localise.map_suns import MapSuns
 from visloc_companion.localise.matching import Found, Task, find_candidates, sharpened
 from visloc_companion.localise.modes import mode_numbers
@@ -105,18 +105,18 @@ class DenseLocaliser:
         return looked(task, found, self._fitted.right) if second is None else second
 
     def _surest(self, task: Task, found: Found) -> Look | Why:
-        lit = None
+        lit, right = None, self._fitted.right
         if task.prior.sun is not None and found.candidates:
             lit = self._lit(task, found, found.candidates[0].pose)
-            if accepted(lit, LOOK_AGAIN_ABOVE):
+            if convincing(lit, right, LOOK_AGAIN_ABOVE):
                 return lit
-        first = looked(task, found, self._fitted.right)
+        first = looked(task, found, right)
         if task.prior.sun is None and isinstance(first, Look):
             pose = first.match.descended.pose
             first = replace(first, task=with_sun_seen(task, pose))
             lit = self._lit(first.task, found, pose)
-        if accepted(first, LOOK_AGAIN_ABOVE):
-            return lit if accepted(lit, LOOK_AGAIN_ABOVE) else first
+        if convincing(first, right, LOOK_AGAIN_ABOVE):
+            return lit if convincing(lit, right, LOOK_AGAIN_ABOVE) else first
         others = [look for look in (lit, self._second(task, found)) if look is not None]
         return reduce(partial(surer, limit=LOOK_AGAIN_ABOVE), others, first)
 

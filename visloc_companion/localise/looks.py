@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeGuard
 
 import numpy as np
@@ -72,9 +72,15 @@ def looked(task: Task, found: Found, weights: Weights) -> Look | Why:
     return Look(task, matches, match, match.estimate, evidence, likely, share, voted, alone, p)
 
 
-def accepted(look: Look | Why | None, limit: float) -> TypeGuard[Look]:
-    """Whether there is a look, and it is not declined at a limit."""
-    return isinstance(look, Look) and look.why_not(limit) is None
+def convincing(look: Look | Why | None, weights: Weights, limit: float) -> TypeGuard[Look]:
+    """Whether there is a look, and it would not be declined at a limit if the prior left as many places as the weights are for.
+
+    Where it leaves few, poor looks will do to say that it is this place, and better ones to say where.
+    """
+    if not isinstance(look, Look):
+        return False
+    alone = probability_wrong(replace(look.evidence, prior_px=math.inf), weights)
+    return replace(look, alone=alone, p=beside_others(alone, look.share * look.votes)).why_not(limit) is None
 
 
 def surer(first: Look | Why, second: Look | Why, limit: float) -> Look | Why:
@@ -88,8 +94,8 @@ def surer(first: Look | Why, second: Look | Why, limit: float) -> Look | Why:
 
 
 def _voted(task: Task, best: Match, found: Found) -> float:
-    """The share that the frame's blocks on their own give the best match, through the features of the search, on the map under
-    the frame's sun where that is looked at."""
+    """The share that the frame's blocks on their own give the best match, through the features of the search, on
+    the map under the frame's sun where that is looked at."""
     pose = best.descended.pose
     low, high = view_box(task.plan, pose)
     if task.lit is None:
@@ -125,4 +131,5 @@ def _evidence(task: Task, best: Match, estimate: PoseEstimate, lead: float, foun
         tilt_sigmas=estimate.tilt_sigmas,
         returning=best.returning(),
         sigma_px=horizontal_sigma(claimed_covariance(estimate, best.gsd_m)) / plan.coarse_gsd_m,
+        prior_px=float(np.linalg.det(plan.cov_ne_m2)) ** 0.25 / plan.coarse_gsd_m,
     )

@@ -2,7 +2,8 @@
 
 An answer is wrong where it is another place, or where the place is right and the position far off all the same: what is not
 known of the tilt moves the camera by the height times its tangent. The first is a logistic regression, the second follows from
-the claimed covariance.
+the claimed covariance and the prior's. The regression was fitted where many places were searched. Where the prior leaves few,
+chance has as many times fewer to be taken in by, and the odds of another place are smaller by that.
 """
 
 from __future__ import annotations
@@ -29,6 +30,12 @@ FAR_PX = 7.0
 """Pixels of the search level (90 across a footprint, fewer where the map has no more): an answer that is off by more is wrong
 though the place be right. Of 150 training cases of unknown tilt 67 were accepted with 6 (none off by more than 10 px of the map),
 83 with 7 (one), 114 with 10 (ten)."""
+FITTED_PLACES = 300.0
+"""Fewest places (pixels of the search within 3 sigmas of the prior) of a case on which the weights were fitted: woods, known to
+4 m. The others had 1,000 and more."""
+SEARCHED_SIGMAS = 3.0
+FARTHEST, MOST_TERMS = 10.0, 150
+"""Sigmas that Rice's distribution is worked out for, and terms of its sum: with these it is right to a millionth."""
 MAX_CHI2_SIGMA = 4.5
 MIN_SCORE = 0.12
 AMBIGUOUS_RATIO = 0.93
@@ -46,7 +53,8 @@ class Evidence:
     probability of its place by the search's posterior; `blocks`, `agreeing`: blocks matched on their own
     and how many agree; `footprint_px`: side of the footprint; `scatter`: of the blocks about the pose, pixels;
     `height_sigmas`, `yaw_sigmas`, `position_sigmas`, `tilt_sigmas`: distance from the prior; `returning`: share of blocks that
-    agree from frame to map and back; `sigma_px`: claimed 1-sigma along the worst horizontal axis, pixels of the search.
+    agree from frame to map and back; `sigma_px`: claimed 1-sigma along the worst horizontal axis, pixels of the search;
+    `prior_px`: the prior's, in the mean of both axes, as it is searched (infinite where nobody says).
     """
 
     score: float
@@ -64,11 +72,13 @@ class Evidence:
     tilt_sigmas: float
     returning: float
     sigma_px: float
+    prior_px: float = math.inf
 
     @classmethod
     def from_numbers(cls, numbers: Mapping[str, float]) -> Evidence:
         """From what a fix or refusal reports (`numbers`)."""
-        return cls(**{f.name: numbers[REPORTED_AS.get(f.name, f.name)] for f in fields(cls)})
+        reported = {f.name: REPORTED_AS.get(f.name, f.name) for f in fields(cls)}
+        return cls(**{name: numbers[of] for name, of in reported.items() if of in numbers})
 
     def numbers(self) -> dict[str, float]:
         """As a fix or refusal reports it."""
@@ -106,8 +116,13 @@ def block_z(blocks: float, agreeing: float) -> float:
 
 def probability_wrong(evidence: Evidence, weights: Weights) -> float:
     """Calibrated probability that the match is another place, or is this place and far off."""
-    right_place = logistic(log_odds(weights, evidence.regressors()))
-    return 1 - right_place * probability_near(evidence.sigma_px)
+    right_place = logistic(log_odds(weights, evidence.regressors()) + fewer_places(evidence.prior_px))
+    return 1 - right_place * probability_near(evidence.sigma_px, evidence.prior_px, evidence.position_sigmas)
+
+
+def fewer_places(prior_px: float) -> float:
+    """Nats by which a prior of this 1-sigma leaves fewer places than the weights were fitted with."""
+    return max(0.0, math.log(FITTED_PLACES / math.pi) - 2 * math.log(SEARCHED_SIGMAS * max(prior_px, 1e-3)))
 
 
 def log_odds(weights: Weights, regressors: tuple[float, ...]) -> float:
@@ -120,9 +135,29 @@ def logistic(log_odds: float) -> float:
     return 1 / (1 + math.exp(min(50.0, max(-50.0, -log_odds))))
 
 
-def probability_near(sigma_px: float) -> float:
-    """Probability that a position of this 1-sigma on each axis is not far off (Rayleigh's distribution)."""
-    return 1 - math.exp(-0.5 * (FAR_PX / max(sigma_px, 1e-3)) ** 2)
+def probability_near(sigma_px: float, prior_px: float = math.inf, position_sigmas: float = 0.0) -> float:
+    """Probability that a position of this 1-sigma on each axis, so many of the prior's sigmas from the prior, is not far off.
+
+    By both it is off by some of the way to the prior, and scatters about that by less than its sigma.
+    """
+    if math.isinf(prior_px):
+        return within(FAR_PX / max(sigma_px, 1e-3), 0.0)
+    towards_prior = sigma_px**2 / max(sigma_px**2 + prior_px**2, 1e-9)
+    scatter_px = max(sigma_px * math.sqrt(1 - towards_prior), 1e-3)
+    return within(FAR_PX / scatter_px, min(towards_prior * position_sigmas * prior_px / scatter_px, FARTHEST))
+
+
+def within(radius: float, off: float) -> float:
+    """Probability that a point lies in a circle of a radius, which is so far from its middle on average and scatters by 1 on each
+    axis (Rice's distribution, as a mixture of chi-squared ones)."""
+    a, b = off * off / 2, radius * radius / 2
+    share, term, inside = math.exp(-a), math.exp(-b), 0.0
+    beyond = term
+    for k in range(1, MOST_TERMS):
+        inside += share * (1 - beyond)
+        share, term = share * a / k, term * b / k
+        beyond += term
+    return inside
 
 
 def unknown_attitude_regressors(numbers: Mapping[str, float]) -> tuple[float, ...]:

@@ -13,10 +13,10 @@ from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.localise.dense import DenseLocaliser, Fitted
 from visloc_companion.localise.features.gradient import GRADIENT
-from visloc_companion.localise.looks import Look, surer
+from visloc_companion.localise.looks import Look, convincing, surer
 from visloc_companion.localise.ranking import GRADIENT_RANK
 from visloc_companion.localise.settings import LocaliserSettings, Looks
-from visloc_companion.localise.verify import GRADIENT_WEIGHTS, Evidence
+from visloc_companion.localise.verify import GRADIENT_WEIGHTS, Evidence, probability_wrong
 from visloc_companion.types import CameraModel, Fix, GeoPoint, NoFix
 
 HOME = GeoPoint(47.0, 8.0, 0.0)
@@ -144,3 +144,34 @@ def test_one_that_its_blocks_do_not_confirm_is_declined_however_sure_it_is():
     assert why[0] is Reason.BLOCKS_DISAGREE
     assert surer(outvoted, good, 0.05) is good
     assert look(0.001, votes=0.98).why_not(0.05) is None
+
+
+def test_one_that_only_its_prior_makes_sure_does_not_do_without_another_look():
+    poor = replace(GOOD, score=0.2, coarse_score=0.3, runner_up=0.9, agreeing=6.0, lead=1.5, prior_px=0.6)
+    alone = probability_wrong(poor, GRADIENT_WEIGHTS)
+    seen = replace(look(alone), evidence=poor)
+    assert seen.why_not(0.005) is None
+    assert not convincing(seen, GRADIENT_WEIGHTS, 0.005)
+    assert convincing(replace(seen, evidence=replace(GOOD, prior_px=0.6)), GRADIENT_WEIGHTS, 0.005)
+    assert not convincing(NOTHING, GRADIENT_WEIGHTS, 0.005)
+    assert not convincing(None, GRADIENT_WEIGHTS, 0.005)
+
+
+def test_a_frame_that_could_be_of_many_places_is_of_the_one_where_the_vehicle_is(map_and_frames, support):
+    """Known to 3 m it was declined as it is where it might be 40 m away; beside a prior that is wrong nothing is taken for it."""
+    known, same, grown = map_and_frames
+    frame = cv2.addWeighted(same, 0.15, grown, 0.85, 0)
+    localiser = DenseLocaliser("gradient", MODEL, LocaliserSettings(), Broad(), Fitted(GRADIENT_WEIGHTS, GRADIENT_RANK, 1.04))
+
+    def asked(at: tuple[float, float, float], sigma_m: float) -> Fix | NoFix:
+        return localiser.localise(support.request_at(at, LEVEL, sigma_m=sigma_m), frame, known)
+
+    fix = asked((21.0, -40.0, -333.0), 3.0)
+    assert isinstance(fix, Fix)
+    north, east, _ = ned_from_geo(fix.place, HOME)
+    assert np.hypot(north - TRUTH[0], east - TRUTH[1]) < 6.0
+    unknown = asked((21.0, -40.0, -333.0), 40.0)
+    assert isinstance(unknown, NoFix)
+    assert dict(unknown.evidence)["p_wrong"] > 0.1
+    for beside in ((61.0, -40.0, -333.0), (21.0, 10.0, -333.0), (-30.0, -80.0, -333.0)):
+        assert isinstance(asked(beside, 3.0), NoFix)

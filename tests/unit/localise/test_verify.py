@@ -11,9 +11,11 @@ from visloc_companion.localise.verify import (
     GRADIENT_WEIGHTS,
     Evidence,
     block_z,
+    fewer_places,
     probability_near,
     probability_wrong,
     refusal,
+    within,
 )
 
 GOOD = Evidence(
@@ -88,3 +90,37 @@ def test_share_of_positions_that_are_near_is_what_repetition_shows():
     assert probability_near(2.5) == pytest.approx(float(np.mean(np.hypot(*errors.T) <= FAR_PX)), abs=0.01)
     assert probability_near(0.5) == pytest.approx(1.0)
     assert probability_near(0.0) == 1.0
+
+
+def test_the_fewer_places_there_are_the_fewer_times_chance_is_another_one():
+    weak = replace(GOOD, score=0.2, coarse_score=0.3, runner_up=0.9, agreeing=6.0, lead=1.0)
+
+    def odds(prior_px: float) -> float:
+        p = probability_wrong(replace(weak, prior_px=prior_px), GRADIENT_WEIGHTS)
+        return p / (1 - p)
+
+    assert odds(2.0) == pytest.approx(4 * odds(1.0))
+    assert odds(30.0) == pytest.approx(odds(np.inf))
+    assert odds(30.0) > 10 * odds(1.0)
+    assert fewer_places(0.0) < 30
+
+
+def test_what_is_near_by_fix_and_prior_is_what_repetition_shows():
+    rng = np.random.default_rng(2)
+    for sigma, prior in ((3.0, 1.5), (3.5, 3.0), (3.0, 12.0)):
+        truth, noise = rng.normal(0, prior, (4000, 2)), rng.normal(0, sigma, (4000, 2))
+        claims = [probability_near(sigma, prior, float(z)) for z in np.hypot(*(truth + noise).T) / prior]
+        assert np.mean(claims) == pytest.approx(float(np.mean(np.hypot(*noise.T) <= FAR_PX)), abs=0.01)
+    assert probability_near(3.0, 1.0, 1.0) > 0.99 > 0.94 > probability_near(3.0, 100.0, 1.0)
+    assert probability_near(3.0, 1e6, 1.0) == pytest.approx(probability_near(3.0))
+
+
+@pytest.mark.parametrize(("radius", "off"), [(2.0, 0.0), (2.0, 1.5), (0.5, 3.0), (6.0, 5.0)])
+def test_a_point_lies_within_a_circle_as_often_as_repetition_shows(radius, off):
+    at = np.random.default_rng(3).normal((off, 0.0), 1.0, (40000, 2))
+    assert within(radius, off) == pytest.approx(float(np.mean(np.hypot(*at.T) <= radius)), abs=0.01)
+
+
+def test_evidence_of_before_has_no_prior():
+    told = {name: value for name, value in GOOD.numbers().items() if name != "prior_px"}
+    assert Evidence.from_numbers(told) == GOOD
