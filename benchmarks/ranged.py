@@ -66,6 +66,12 @@ COLUMNS = "way m | odometry too long | drift, most | at the end | error m, 95 % 
 HEADER = f"| flight | seed | rangefinder | {COLUMNS} |"
 
 
+def pixel_of(place: GeoPoint, scene: Scene) -> tuple[int, int]:
+    """Column and row of a scene's pixel below a place."""
+    u, v = apply_affine(invert_affine(scene.T_map_pix), np.array(scene.projection_at(place).origin_map_m)).tolist()
+    return round(u), round(v)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
     """The plane of a pack without heights, below or above what the camera sees."""
@@ -75,10 +81,8 @@ class Plane:
 
     def above_m(self, place: GeoPoint) -> float:
         """By how much the plane is higher than the ground within SEEN_M of a place, on average."""
-        T_pix_map = invert_affine(self.scene.T_map_pix)
-        u, v = apply_affine(T_pix_map, np.array(self.scene.projection_at(place).origin_map_m)).tolist()
         reach = round(SEEN_M / float(np.hypot(*self.scene.T_map_pix[:, 0])))
-        col, row = max(0, round(u) - reach), max(0, round(v) - reach)
+        col, row = (max(0, at - reach) for at in pixel_of(place, self.scene))
         seen = self.scene.dsm_amsl_m[row : row + 2 * reach, col : col + 2 * reach]
         return self.h_amsl_m - float(seen.mean())
 
@@ -122,14 +126,13 @@ class Knowing:
 
 def sensor_over(scene: Scene, seed: int, max_m: float) -> Rangefinder:
     """A rangefinder over what the camera sees, with the constant errors of a seed."""
-    rng, T_pix_map = Random(f"{seed}/range bias"), invert_affine(scene.T_map_pix)
+    rng = Random(f"{seed}/range bias")
     off_m, off_share = rng.gauss(0.0, BIAS_M), rng.gauss(0.0, BIAS_SHARE)
     lowest_m = float(np.nanmin(scene.dsm_amsl_m))
     height, width = scene.dsm_amsl_m.shape
 
     def surface(place: GeoPoint) -> float:
-        u, v = apply_affine(T_pix_map, np.array(scene.projection_at(place).origin_map_m)).tolist()
-        col, row = round(u), round(v)
+        col, row = pixel_of(place, scene)
         if not (0 <= col < width and 0 <= row < height):
             return math.nan
         return float(scene.dsm_amsl_m[row, col])

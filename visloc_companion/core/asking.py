@@ -98,8 +98,9 @@ class Asking:
         return self._attitude.at(t_boot_ns) or self._attitude.at(newest)
 
     def on_range(self, event: Range, t_ns: int) -> None:
-        """Keep a distance to the ground, measured at a time."""
-        self._ranges.on_range(event, t_ns)
+        """Keep a distance to the ground, measured at a time, if frames are to have it."""
+        if self._settings.rangefinder:
+            self._ranges.on_range(event, t_ns)
 
     def forget_ranges(self) -> None:
         """A clock stepped."""
@@ -162,7 +163,7 @@ class Asking:
         """The request with what a rangefinder met, which looks down the vehicle's body whatever carries the camera, and by the
         1-sigma of a mounting beside where it should."""
         t_ns = request.frame.t_ns
-        measured = self._ranges.near(t_ns, math.hypot(*v_ned_mps)) if self._settings.rangefinder else None
+        measured = self._ranges.near(t_ns, math.hypot(*v_ned_mps))
         t_boot_ns = None if measured is None else self._clock.boot_ns(measured.t_ns)
         q_then = None if t_boot_ns is None else self._attitude.at(t_boot_ns)
         if measured is None or q_then is None:

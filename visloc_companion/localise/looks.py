@@ -94,8 +94,8 @@ def surer(first: Look | Why, second: Look | Why, limit: float) -> Look | Why:
 
 
 def _voted(task: Task, best: Match, found: Found) -> float:
-    """The share that the frame's blocks on their own give the best match, through the features of the search, on
-    the map under the frame's sun where that is looked at."""
+    """The share that the frame's blocks on their own give the best match, through the features of the search, on the map under
+    the frame's sun where that is looked at."""
     pose = best.descended.pose
     low, high = view_box(task.plan, pose)
     if task.lit is None:

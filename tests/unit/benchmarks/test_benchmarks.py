@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -18,20 +17,12 @@ from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.localise.verify import AGAIN_WEIGHTS, DEEP_WEIGHTS, Evidence, probability_wrong
 from visloc_companion.types import Fix, GeoPoint
 
-ROOT = Path(__file__).resolve().parents[3]
 HEADER = (
     "id,frame,ortho,dsm,fx_px,fy_px,cx_px,cy_px,distortion,prior_lat_deg,prior_lon_deg,prior_h_m,prior_roll_deg,prior_pitch_deg,"
     "prior_yaw_deg,sigma_horizontal_m,sigma_h_m,sigma_yaw_deg,sigma_tilt_deg"
 )
 COVARIANCE = ((2.0, 0.5), (0.5, 3.0))
 FIX = Fix(0, 0, 0, 0, "gradient", GeoPoint(47.0, 9.0, 100.0), quat_from_euler(0.1, 0.2, 0.3), COVARIANCE, 1.0, 0.02, 0.25, 7.0)
-
-
-@pytest.fixture
-def load(monkeypatch):
-    """A module of the benchmarks, which are no part of the installed package."""
-    monkeypatch.syspath_prepend(str(ROOT))
-    return lambda name: importlib.import_module(f"benchmarks.{name}")
 
 
 @pytest.fixture

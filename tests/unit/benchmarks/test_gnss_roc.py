@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import math
 import xml.etree.ElementTree as ET
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from visloc_companion.sim import faults
 from visloc_companion.sim.faults import FaultSchedule
-
-ROOT = Path(__file__).resolve().parents[3]
-
-
-@pytest.fixture
-def load(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT))
-    return lambda name: importlib.import_module(f"benchmarks.{name}")
 
 
 def test_flights_are_as_they_are_described(load):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +12,8 @@ from visloc_companion.evaluate.image_metrics import CaseResult
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.types import Fix, GeoPoint
 
-ROOT = Path(__file__).resolve().parents[3]
 PLACE = GeoPoint(47.0, 8.0, 300.0)
 GSD_M = 5.0
-
-
-@pytest.fixture
-def load(monkeypatch):
-    """A module of the benchmarks, which are no part of the installed package."""
-    monkeypatch.syspath_prepend(str(ROOT))
-    return lambda name: importlib.import_module(f"benchmarks.{name}")
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import importlib
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +11,8 @@ import pytest
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.scene import Scene
 
-ROOT = Path(__file__).resolve().parents[3]
 PLACE_M = (605_000.0, 5_349_000.0)
 SLOPE = 0.1
-
-
-@pytest.fixture
-def load(monkeypatch):
-    """A module of the benchmarks, which are no part of the installed package."""
-    monkeypatch.syspath_prepend(str(ROOT))
-    return lambda name: importlib.import_module(f"benchmarks.{name}")
 
 
 @pytest.fixture
