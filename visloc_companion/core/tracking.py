@@ -132,7 +132,9 @@ class Tracker:
         v_ne_mps = self._inertial.at(t_boot_ns) if alone and taught else None
         self._drives_itself, self._sigma_a_mps2 = v_ne_mps is not None, sigma_a
         if v_ne_mps is None:
-            self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2], teaches=not alone)
+            near = self.height_above_home_m is not None and abs(self.height_above_home_m) < MIN_HEIGHT_M
+            stands = near and math.hypot(*velocity.v_ned_mps) < FLIES_MPS  # no thrust shakes its sensors, nothing tilts it
+            self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2], teaches=not alone and not stands)
         else:
             v_ned_mps = (*v_ne_mps, velocity.v_ned_mps[2])
             velocity = replace(
