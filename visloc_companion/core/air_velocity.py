@@ -6,7 +6,7 @@ integrated from accelerations. What it gets wrong for long is a pair of the posi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from visloc_companion.types import Accepted, FloatArray, Rejected, Vec2
 H_AIR: FloatArray = np.eye(N_STATES)[AIR] - np.eye(N_STATES)[VELOCITY]
 """The velocity that the air tells, less the driving one: the error of the former less that of the latter."""
 LEAST_M2PS2 = 1e-4
+GUSTS_LAST = 0.4
+"""Share of what a second's velocity scatters by that the next seconds have, too: a gust of 200 m goes by in 10 to 20 s. Chosen on
+two of a simulated copter's flights (decision 77)."""
 HOLDS_MPS = 1.5
 """A velocity known as well as that (1-sigma) holds the velocity that is integrated from accelerations."""
 
@@ -49,6 +52,14 @@ class AirError:
     t_ns: int
     off_ne_mps: Vec2
     told: AirVelocity
+
+
+def gusty(told: AirVelocity, since_s: float) -> AirVelocity:
+    """The same where gusts, of which its noise is made, last in part since a sample so many seconds before."""
+    if told.doubt_m2ps2 is None:
+        return told
+    more = GUSTS_LAST * since_s * min(since_s, 1.0) * told.noise_m2ps2
+    return replace(told, doubt_m2ps2=told.doubt_m2ps2 + more)
 
 
 def observed(belief: Belief, z: AirError, settings: NavigatorSettings) -> tuple[Belief, Accepted | Rejected]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core.air_velocity import AirError, AirVelocity
+from visloc_companion.core.air_velocity import AirError, AirVelocity, gusty
 from visloc_companion.core.belief import Belief, lens_doubted, seeded
 from visloc_companion.core.drag_velocity import DragLearner
 from visloc_companion.core.driving import Velocity
@@ -157,44 +157,40 @@ class Tracker:
         second = self._forces.on_force(t_boot_ns, force_frd_mps2, q_ned_frd)
         if second is None:
             return
-        known = self._known(second.felt.t_boot_ns, second.v_ned_mps, alone=second.alone)
-        if known is not None:
+        tells = second.alone and self._teaching.rare(self._shell_ns(t_boot_ns))
+        told = self._drag.velocity(second.felt, second.v_ned_mps) if tells else None
+        if told is not None:
+            self._told(told, self._drag, t_boot_ns)
+        elif (known := self._known(second.felt.t_boot_ns, second.v_ned_mps, alone=second.alone)) is not None:
             self._drag.learn(second.felt, *known)
-        elif self._blind(t_boot_ns):
-            self._told(self._drag.velocity(second.felt, second.v_ned_mps), self._drag, t_boot_ns)
 
     def on_airspeed(self, t_boot_ns: int, v_ne_mps: Vec2) -> None:
         """Take a velocity through the air, of a plane."""
         if self._velocity is None or self._drag.known:
             return
         air = Airspeed(t_boot_ns, v_ne_mps)
-        known = self._known(t_boot_ns, self._velocity.v_ned_mps, alone=self._alone)
-        if known is not None:
+        told = self._pitot.velocity(air) if self._alone and self._teaching.rare(self._shell_ns(t_boot_ns)) else None
+        if told is not None:
+            self._told(told, self._pitot, t_boot_ns)
+        elif (known := self._known(t_boot_ns, self._velocity.v_ned_mps, alone=self._alone)) is not None:
             self._pitot.learn(air, *known)
-        elif self._blind(t_boot_ns):
-            self._told(self._pitot.velocity(air), self._pitot, t_boot_ns)
 
     def _shell_ns(self, t_boot_ns: int) -> int:
         return t_boot_ns if self._velocity is None else t_boot_ns + self._velocity.t_ns - self._velocity_boot_ns
-
-    def _blind(self, t_boot_ns: int) -> bool:
-        """Whether nothing was recognised for a while."""
-        return self._teaching.blind(self._shell_ns(t_boot_ns))
 
     def _known(self, t_boot_ns: int, autopilots_ned_mps: Vec3, *, alone: bool) -> tuple[Vec3, FloatArray] | None:
         """The velocity at a time and the covariance of its error (2, 2), where it is known well without what the air tells."""
         if not alone:
             return autopilots_ned_mps, np.zeros((2, 2))
-        if self._filter is None or self._blind(t_boot_ns):
+        t_ns = self._shell_ns(t_boot_ns)
+        if self._filter is None or self._teaching.blind(t_ns) or not self._teaching.own(t_ns):
             return None
-        state = self._filter.at(self._shell_ns(t_boot_ns))
+        state = self._filter.at(t_ns)
         cov = np.array(state.cov_v_ne_m2ps2)
         return (state.v_ned_mps, cov) if np.trace(cov) <= 2 * TEACHES_MPS**2 else None
 
-    def _told(self, told: AirVelocity | None, by: DragLearner | PitotLearner, t_boot_ns: int) -> None:
+    def _told(self, told: AirVelocity, by: DragLearner | PitotLearner, t_boot_ns: int) -> None:
         """Take the velocity that the air tells; what it says of its lasting error must reach the filter."""
-        if told is None:
-            return
         t_ns, v_ne_mps = self._shell_ns(t_boot_ns), self._inertial.at(told.t_boot_ns)
         if told.holds:
             self._teaching.told(t_ns)
@@ -202,7 +198,8 @@ class Tracker:
             by.filter_restarted()
             return
         off = (told.v_ne_mps[0] - v_ne_mps[0], told.v_ne_mps[1] - v_ne_mps[1])
-        self._filter.observe_air(AirError(t_ns, off, told))
+        self._filter.observe_air(AirError(t_ns, off, gusty(told, self._teaching.since_air_s(t_ns))))
+        self._teaching.air_told(t_ns)
 
     def know_map(self, sigma_m: float) -> None:
         """Take another 1-sigma of the map's registration, on each axis."""

@@ -69,3 +69,14 @@ def test_says_nothing_beside_another_velocity(drive: Drive) -> None:
 def test_holds_where_it_is_known_well() -> None:
     assert told(None, error=1.0).holds
     assert not told(None, error=2.0).holds
+
+
+def test_gusts_that_last_are_doubted_by_what_a_second_scatters() -> None:
+    """Two samples a second have twice the noise of one each."""
+    before, at_first = told(np.zeros((2, 2))), told(None)
+    assert air_velocity.gusty(at_first, 1.0) is at_first
+    second, two, half = (air_velocity.gusty(before, s).doubt_m2ps2 for s in (1.0, 2.0, 0.5))
+    assert second is not None and two is not None and half is not None
+    assert 0.2 * before.noise_m2ps2[0, 0] < second[0, 0] < before.noise_m2ps2[0, 0]
+    assert two == pytest.approx(2 * second)
+    assert 2 * half == pytest.approx(second / 2)

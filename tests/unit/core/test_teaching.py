@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from visloc_companion.core.teaching import SEEN_NS, SETTLED_BY, UNTAUGHT_LOSS, Teaching
+from visloc_companion.core.teaching import AIR_FADES_NS, RARE_NS, SEEN_NS, SETTLED_BY, UNTAUGHT_LOSS, Teaching
 
 S = 1_000_000_000
 
@@ -42,3 +42,35 @@ def test_blind_once_nothing_was_recognised_for_a_while() -> None:
     teaching.told(6 * S)
     assert not teaching.blind(5 * S + SEEN_NS)
     assert teaching.blind(5 * S + SEEN_NS + 1)
+
+
+def test_rare_where_two_are_not_recognised_in_a_while() -> None:
+    teaching = Teaching()
+    for k in range(20):
+        teaching.recognised(10 * S + k * S // 4)
+        assert not teaching.rare(10 * S + k * S // 4 + S) or k == 0
+    last_ns = 10 * S + 19 * S // 4
+    for k in range(1, 5):
+        teaching.recognised(last_ns + 2 * k * S)
+        assert teaching.rare(last_ns + 2 * k * S + S // 4), "one in two seconds"
+    teaching.recognised(last_ns + 8 * S + S)
+    assert not teaching.rare(last_ns + 8 * S + RARE_NS)
+    assert teaching.rare(last_ns + 8 * S + RARE_NS + 1)
+
+
+def test_what_is_known_is_its_own_again_some_time_after_the_air_told_it() -> None:
+    teaching = Teaching()
+    assert teaching.own(0)
+    teaching.air_told(5 * S)
+    teaching.recognised(6 * S)
+    assert not teaching.own(5 * S + AIR_FADES_NS)
+    assert teaching.own(5 * S + AIR_FADES_NS + 1)
+
+
+def test_gusts_count_beside_rare_fixes_alone() -> None:
+    teaching = Teaching()
+    teaching.recognised(20 * S)
+    assert teaching.since_air_s(21 * S) == AIR_FADES_NS * 1e-9
+    teaching.air_told(21 * S)
+    assert teaching.since_air_s(22 * S) == 1.0
+    assert teaching.since_air_s(20 * S + SEEN_NS + 1) == 0.0
