@@ -91,6 +91,8 @@ class MapOffset:
         self._borne_out |= n >= BORNE_OUT_BY and mean_m <= self._explained_m
         enough = n >= FEWEST if self._borne_out else n >= BORNE_OUT_BY
         self._lag_s, lag_m, self._place_fits = self._lagging(off) if enough else (0.0, 0.0, True)
+        if self._borne_out and n:  # a GNSS that has just jumped, and is not suspect yet, moves the mean by a part of that
+            mean_m = min(mean_m, math.hypot(float(np.median(off.real)), float(np.median(off.imag))))
         offset_m = max(mean_m, lag_m)
         self.distance_m = offset_m if enough and (self._borne_out or offset_m <= MOST_M) else 0.0
 

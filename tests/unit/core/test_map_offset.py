@@ -101,6 +101,16 @@ def test_a_drag_that_was_found_is_not_the_maps() -> None:
     assert known.distance_m < 1.0
 
 
+@pytest.mark.parametrize("n", [16, 36])
+def test_a_gnss_that_jumps_early_in_a_flight_says_nothing_of_the_map_before_it_is_suspect(n: int) -> None:
+    """Five fixes beside one that has jumped by 80 m said that the map is 10 m off GNSS, when neither is."""
+    known = after(0.0, n)
+    for k in range(n, n + 5):
+        known.compared(k * S, (80.0, 0.0), (10.0, 0.0))
+        assert known.notices() == []
+        assert known.sigma_m == 0.5
+
+
 def lagging(lag_s: float, course_deg: Callable[[int], float], n: int = 60, map_north_m: float = 0.0) -> MapOffset:
     """Fixes lag behind GNSS at 10 m/s, over a map that lies to the north."""
     rng, known = np.random.default_rng(2), MapOffset(0.5)
