@@ -76,7 +76,7 @@ class Asking:
 
     def next(self, now_ns: int, *, injecting: bool, gnss_trusted: bool) -> list[Request]:
         """The worker's next question: about the ground below the track where that is due, else about a frame."""
-        if (gnss_trusted and not self._looks) or self._tracker.velocity is None or self._tracker.origin is None:
+        if (gnss_trusted and not self._unplaced) or self._tracker.velocity is None or self._tracker.origin is None:
             self._untrusted_ns = None
         elif self._untrusted_ns is None:
             self._untrusted_ns = now_ns
@@ -225,6 +225,16 @@ class Asking:
     def _looks(self) -> bool:
         return self._without is not None and self._without.looks
 
+    @property
+    def _unplaced(self) -> bool:
+        return self._without is not None and self._without.unplaced
+
+    @property
+    def _may_have_been_dragged(self) -> bool:
+        """Whether GNSS, about which no frame was recognised yet, may lie as far off as an attack hides, since before we came."""
+        found = self._without is not None and self._without.found_in_flight
+        return found and self._beside.missed(self._tracker.rests)
+
     def _about_receiver(self, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int) -> list[Request] | None:
         """A question about where a receiver has a vehicle that nothing else places, in turns with the search of the map."""
         about = self._without.about_ne_m(frame.t_ns) if self._without is not None and self._looks else None
@@ -269,7 +279,8 @@ class Asking:
         if origin is None:
             return None
         if not injecting:
-            cov = requests.held_by_gnss(state.cov_ne_m2, state.age_of_fix_s, self._settings.navigator.seed_sigma_m)
+            since_s = math.inf if self._may_have_been_dragged else state.age_of_fix_s
+            cov = requests.held_by_gnss(state.cov_ne_m2, since_s, self._settings.navigator.seed_sigma_m)
             state = replace(state, cov_ne_m2=cov)
         return self._pose_prior(state, origin, q_ned_carrier, q_carrier_body)
 

@@ -43,11 +43,14 @@ class BesideGnss:
         self._refused += 1
         self._begun |= self._refused >= FEWEST and answer.t_ns - self._since_ns >= AFTER_NS
 
+    def missed(self, belief: Belief | None) -> bool:
+        """Whether a frame was refused about where a trusted GNSS has a filter (`belief`) that no fix has borne out yet."""
+        return belief is not None and belief.last_fix_ns is None and belief.started_ns == self._started_ns
+
     def due(self, belief: Belief | None) -> bool:
         """Whether the map is searched; once so, also where GNSS is trusted no more, until a fix is taken or the filter starts
         anew. One that was found false before is not far from where the vehicle is: what contradicts it saw it move away."""
-        held = belief is not None and belief.last_fix_ns is None and belief.started_ns == self._started_ns
-        return held and self._begun
+        return self.missed(belief) and self._begun
 
     def takes_turn(self) -> bool:
         """Whether the next question is one of the search; every other one is."""

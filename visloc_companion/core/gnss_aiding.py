@@ -50,8 +50,9 @@ class GnssAiding:
         self._map, self._scale = MapOffset(settings.navigator.map_sigma_m), ScaleWatch()
         self._told: list[Command] = []
 
-    def on_gnss(self, event: Gnss, t_ns: int, mode: Mode) -> list[Command]:
-        """Take a receiver's report; `t_ns` is its time of validity. Only the first receiver may feed the filter."""
+    def on_gnss(self, event: Gnss, t_ns: int, mode: Mode, *, holds: bool = True) -> list[Command]:
+        """Take a receiver's report; `t_ns` is its time of validity. Only the first receiver may feed the filter, where GNSS may
+        hold it (`holds`)."""
         self.began_anew = False
         self._monitor.on_gnss(event)
         if event.receiver != 0:
@@ -64,7 +65,13 @@ class GnssAiding:
         rests, out = self._tracker.rests, self._tracker.out_of_reach(t_ns, event.place, self._monitor.sigma_m(event))
         self._monitor.on_reach(out, rests_on_fixes=rests is not None and rests.last_fix_ns is not None)
         told, self._told = self._told, []
-        return [*told, *self._keep_near(event, t_ns, mode)]
+        return [*told, *(self._keep_near(event, t_ns, mode) if holds else [])]
+
+    @property
+    def followed(self) -> bool:
+        """Whether GNSS has had a part in where the filter is since that started."""
+        belief = self._tracker.rests
+        return belief is not None and self._by_gnss_ns is not None and self._by_gnss_ns >= belief.started_ns
 
     @property
     def scaled(self) -> bool:

@@ -202,7 +202,7 @@ class Navigator:
                 return self._telemetry.on_local(event, self._steering.feedback)
             case Gnss():
                 t_ns = self._telemetry.stamped_ns(event.t_rx_ns, event.t_boot_ns)
-                told = self._aiding.on_gnss(event, t_ns, self._steering.mode)
+                told = self._aiding.on_gnss(event, t_ns, self._steering.mode, holds=not self._without.unplaced)
                 if self._aiding.began_anew:
                     self._steering.doubt()
                 return told

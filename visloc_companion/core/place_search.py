@@ -141,6 +141,11 @@ class PlaceSearch:
         """The hypotheses, best first."""
         return self._places
 
+    @property
+    def sees(self) -> bool:
+        """Whether a place was recognised and is likelier right than wrong, though it may take other ground to be sure of it."""
+        return any(h.hits > 0 and h.log_odds > 0 for h in self._places)
+
     def moving(self, t_ns: int, v_ne_mps: Vec2) -> None:
         """Take the velocity input (m/s)."""
         self._travel.velocity(t_ns, v_ne_mps)

@@ -107,7 +107,7 @@ class Vision:
         """What is to be said of the camera at a Tick (`heard`: the autopilot is), and that the place is searched for."""
         was_searching, self._searching = self._searching, self._search is not None and self._search.active
         begun = self._searching and not was_searching
-        if self._monitor.trusted:
+        if self._monitor.trusted and not self._without.unplaced:
             self._to_confirm = None  # from here on GNSS says the place, and what fixes confirm is not the operator's word
         self._follow(now_ns)
         beside = self._asking.beside_gnss()
@@ -216,6 +216,8 @@ class Vision:
     def _localised(self, event: Fix | NoFix, before: Belief | None, now_ns: int) -> list[Command]:
         if self._search is not None and self._search.is_asked(event.request_id):
             found = None if self._tracker.origin is None else self._search.answered(event, self._tracker.origin, now_ns)
+            if isinstance(event, Fix) and self._search.sees:
+                self._without.recognised(now_ns)
             return [*([] if found is None else self._on_found(found, now_ns)), *self.free_worker(event, now_ns)]
         if isinstance(event, Fix):
             return self._on_fix(event, before, now_ns)
@@ -300,6 +302,7 @@ class Vision:
             return [waits, *self.free_worker(fix, now_ns)]
         if self._without.looks:
             return [*self._without.on_fix(self._onboard.stated(fix, None), now_ns), *self.free_worker(fix, now_ns)]
+        self._without.recognised(now_ns)
         state = self._tracker.at(fix.t_ns)
         fix = self._onboard.stated(fix, state)
         why = None if fix.method == TERRAIN else self._why_waits(fix, state)
@@ -375,7 +378,7 @@ class Vision:
 
     def on_operator(self, event: OperatorFix, t_boot_ns: int, now_ns: int) -> list[Command]:
         """The operator says where the vehicle is; `t_boot_ns`: now, on the autopilot's clock."""
-        tracker, trusted = self._tracker, self._monitor.trusted
+        tracker, trusted = self._tracker, self._monitor.trusted and not self._without.unplaced
         held = tracker.at(now_ns) if trusted or self._steering.believed else None
         receiver = tracker.gnss.newest if trusted else None
         reason = operator_word.objection(event, tracker.origin, receiver, held)

@@ -4,8 +4,8 @@ Something ended the daemon before this one, and PX4 on vision gives its position
 seconds, for nothing contradicts it, but nobody has shown it right: the daemon before may have found it false. So it says no more
 than where to look first, as far about it as an attack may lie that a trusted one hides; the filter never starts from it. A fix
 that lies where the receiver is starts the filter, at the fix. One that lies elsewhere is evidence against GNSS, and the map is
-searched as without any (core/place_search.py). Where nothing is recognised for UNSEEN_S, and nothing speaks against GNSS, it is
-all there is: an autopilot without any position lands where it drifts.
+searched as without any (core/place_search.py). Where nothing is recognised for UNSEEN_S, there or elsewhere on the map, and
+nothing speaks against GNSS, it is all there is: an autopilot without any position lands where it drifts.
 """
 
 from __future__ import annotations
@@ -70,7 +70,19 @@ class WithoutPosition:
     @property
     def looks(self) -> bool:
         """Whether frames are looked for about the receiver: there is no filter, and nothing speaks against GNSS."""
-        return self.lacks and self._tracker.belief is None and self._monitor.trusted
+        return self._tracker.belief is None and self.unplaced
+
+    @property
+    def unplaced(self) -> bool:
+        """Whether nothing but an unproven GNSS, against which nothing speaks, and at most the operator's word say where it is."""
+        belief = self._tracker.rests
+        placed = belief is not None and (belief.last_fix_ns is not None or self._aiding.followed)
+        return not placed and self.lacks and self._monitor.trusted
+
+    @property
+    def found_in_flight(self) -> bool:
+        """Whether the vehicle was armed when it was first heard of: GNSS may have been false before that."""
+        return self._monitor.found_in_flight
 
     def about_ne_m(self, t_ns: int) -> Vec2 | None:
         """Where the receiver had the vehicle about a time; None where it has not told lately."""
@@ -89,6 +101,11 @@ class WithoutPosition:
         if agrees and self._tracker.seed(fix.t_ns, fix.place, max(SEED_SIGMA_M, largest_sigma_m(fix.cov_ne_m2))):
             return [Notice(Severity.INFO, "a fix lies where an unproven GNSS does: the filter starts at the fix")]
         return [Notice(Severity.INFO, "a fix lies elsewhere than an unproven GNSS")]
+
+    def recognised(self, now_ns: int) -> None:
+        """A frame was recognised, be it at a place that the search of the map, or the filter after a loss, is not sure of yet: a
+        vehicle that hovers shows them no other ground."""
+        self._seen_ns = now_ns
 
     def only_gnss(self, now_ns: int) -> bool:
         """Whether an unproven GNSS is all there is for the autopilot, and has been for UNSEEN_S."""

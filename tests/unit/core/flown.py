@@ -10,6 +10,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
     Attitude,
+    Fix,
     FrameRef,
     GeoPoint,
     LocaliseRequest,
@@ -51,6 +52,21 @@ def blinkered(world: type[World], settings: CoreSettings | None = None, **faults
     w = Blinkered(**(usual | faults))
     w.start()
     return w
+
+
+def near_sighted(world: type[World]) -> type[World]:
+    class NearSighted(world):  # type: ignore[misc]
+        """Within what it is asked about, as a localiser looks."""
+
+        def _localise(self, request: LocaliseRequest) -> None:
+            super()._localise(request)
+            when, found = self.answers[-1]
+            reach_m = 3 * math.sqrt(request.prior.cov_ne_m2[0][0])
+            if isinstance(found, Fix) and wgs84.distance_m(found.place, request.prior.place) > reach_m:
+                told = found.t_ns, found.request_id, found.frame_id, found.method
+                self.answers[-1] = when, NoFix(0, *told, Reason.NO_MATCH, 5.0)
+
+    return NearSighted
 
 
 def texts(w: World) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.unit.core.conftest import place_of
+from tests.unit.core.flown import near_sighted
 from tests.unit.core.test_gnss import COV, GOOD
 from tests.unit.core.test_restart import DOWN_S, restarted
 from visloc_companion.core import gnss_odds
@@ -65,6 +66,22 @@ def test_a_daemon_that_is_started_in_flight_beside_a_false_gnss_finds_out_over_o
     assert not_trusted(w, 44.8)[0] - BACK_S < 4.0
     assert w.statuses[-1][1].verdict is Verdict.SUSPECT
     assert handed_back(w) == []
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 10.0])
+@pytest.mark.parametrize("off_m", [30.0, 80.0, 110.0])
+def test_a_gnss_that_jumped_while_no_daemon_ran_is_found_out_where_the_filter_starts_from_it(
+    world: type[World], off_m: float, speed_mps: float
+) -> None:
+    """The autopilot flies on it. Where frames were looked for, 0.8 m/s (1-sigma) more about it, they showed nothing: it took 12 s
+    (30 m) and 36 s (80 m)."""
+    w = restarted(near_sighted(world), pull_m=lambda t: (0.0, off_m * (t > 41.0)), speed_mps=speed_mps)
+    assert w.source is EkfSource.GNSS
+    w.fly(60.0)
+    assert not_trusted(w, 44.8)[0] - BACK_S < 5.0
+    sent = [(t, off_m) for t, status, off_m in w.statuses if t > BACK_S and status.injected]
+    assert sent[0][0] - BACK_S < 8.0
+    assert max(off_m for _, off_m in sent) < 8.0
 
 
 def test_what_is_neither_shown_right_nor_false_is_not_gone_back_to(world: type[World]) -> None:

@@ -28,6 +28,7 @@ from visloc_companion.types import (
     LocaliseRequest,
     LocalPose,
     NoFix,
+    OperatorFix,
     OriginChanged,
     PriorPose,
     SwitchSource,
@@ -159,6 +160,16 @@ def test_one_that_hovers_beside_a_false_gnss_is_not_given_to_it(world: type[Worl
     assert ordered(w, EkfSource.GNSS) == []
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_nor_is_one_that_hovers_where_only_the_search_of_the_map_sees_it(world: type[World], seed: int) -> None:
+    """So far from GNSS no frame is recognised about it; the one ground that is seen elsewhere is too little to be placed by."""
+    w = without_position(world, pull_m=lambda t: (300.0, 0.0), speed_mps=0.0, seed=seed)
+    w.fly(BACK_S + 2 * UNSEEN_S)
+    assert sent(w) == []
+    assert ordered(w, EkfSource.GNSS) == []
+    assert w.notices(UNPROVEN) == []
+
+
 @pytest.mark.parametrize("false_m", [12.0, 80.0, 300.0])
 def test_beside_a_false_gnss_and_no_sight_nothing_is_sent_and_the_operator_told_what_it_flies_on(
     world: type[World], false_m: float
@@ -179,6 +190,34 @@ def test_one_fix_after_half_a_minute_is_enough_to_keep_it_from_a_false_gnss(worl
     w.fly(60.0)
     assert ordered(w, EkfSource.GNSS) == []
     assert sent(w)[0][1] < WITHIN_M
+
+
+@pytest.mark.parametrize("sees_from_s", [0.0, 18.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_operators_word_counts_for_more_than_an_unproven_gnss(world: type[World], sees_from_s: float, seed: int) -> None:
+    """One that hovers 300 m from where GNSS has it is found where the operator says; until then GNSS moves nothing."""
+    w = without_position(world, blind=lambda t: t < sees_from_s, pull_m=lambda t: (300.0, 0.0), speed_mps=0.0, seed=seed)
+    w.fly(15.0)
+    w.send(OperatorFix(ns(w.t), place_of(w.p + np.array([8.0, -6.0])), 20.0))
+    w.fly(60.0)
+    assert w.notices("restarted from trusted GNSS") == []
+    assert len(w.notices("position taken")) == len(w.notices("operator's position confirmed")) == 1
+    first_s, off_m, _ = sent(w)[0]
+    assert first_s - max(15.0, sees_from_s) < 5.0
+    assert off_m < WITHIN_M
+    assert all(off_m <= level_m for _, off_m, level_m in sent(w))
+    assert w.statuses[-1][1].verdict is Verdict.SUSPECT
+    assert ordered(w, EkfSource.GNSS) == []
+
+
+def test_fixes_that_wait_after_a_loss_keep_it_from_an_unproven_gnss(world: type[World]) -> None:
+    """Nobody knows how far it has drifted since the operator's word, and one that hovers shows no other ground to be sure by."""
+    w = without_position(world, blind=lambda t: not 24.0 < t < 42.0, pull_m=lambda t: (300.0, 0.0), speed_mps=0.0)
+    w.fly(15.0)
+    w.send(OperatorFix(ns(w.t), place_of(w.p), 20.0))
+    w.fly(42.0 + UNSEEN_S - 2.0)
+    assert w.notices("a place is seen, fly on to confirm it")
+    assert w.notices(UNPROVEN) == ordered(w, EkfSource.GNSS) == sent(w) == []
 
 
 def test_an_autopilot_that_tells_its_receivers_position_has_one_whatever_its_flags_say(world: type[World]) -> None:
