@@ -63,6 +63,7 @@ class OdometryTest:
         self._apart = 0j
         self._v: complex | None = None
         self._place: ShiftTest | None = None
+        self._weigh()
         self._clear_block()
 
     def _clear_block(self) -> None:
@@ -72,8 +73,11 @@ class OdometryTest:
     @property
     def log_r(self) -> float:
         """The two tests' statistics, summed; minus infinity before the first block."""
+        return self._log_r
+
+    def _weigh(self) -> None:
         place = -math.inf if self._place is None else self._place.log_r
-        return float(np.logaddexp(self._rate.log_r, place))
+        self._log_r = float(np.logaddexp(self._rate.log_r, place))
 
     def forget(self) -> None:
         """Begin anew (trust was lost, or a probation starts)."""
@@ -110,6 +114,7 @@ class OdometryTest:
             self._place = ShiftTest(_place_model(rate_var))
         self._place.update(t_s, self._apart, GNSS_WHITE_M**2 + turn_var, 0.0, self._odometry)
         self._place.summed(self._odometry)
+        self._weigh()
 
 
 def _place_model(rate_var: float) -> ShiftModel:

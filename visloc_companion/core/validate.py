@@ -176,4 +176,4 @@ def _is_height(h_m: float) -> bool:
 
 
 def _finite(*numbers: float) -> bool:
-    return all(map(math.isfinite, numbers))
+    return math.isfinite(sum(numbers)) or all(map(math.isfinite, numbers))  # finite numbers may have no finite sum
