@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -158,14 +159,26 @@ def _specs_of_file(path: Path, template: FlightSpec) -> Iterator[FlightSpec]:
     if not isinstance(items, list) or not items:
         raise ConfigError("holds no list of flights", where=str(path), remedy=remedy)
     for k, item in enumerate(items):
-        if not isinstance(item, dict) or not set(item) <= set(OF_A_FLIGHT) or "scenario" not in item:
-            raise ConfigError(
-                f"entry {k} needs scenario and may have {', '.join(sorted(OF_A_FLIGHT))}", where=str(path), remedy=remedy
-            )
+        said, what_to_do = _wrong_with(item)
+        if said:
+            needed = f"entry {k} needs scenario and may have {', '.join(sorted(OF_A_FLIGHT))}"
+            raise ConfigError(f"{needed}: {said}", where=str(path), remedy=what_to_do)
         try:
             yield replace(template, **item)
         except ConfigError as why:
             raise ConfigError(f"entry {k}: {why.what}", where=str(path), remedy=why.remedy) from why
+
+
+def _wrong_with(item: object) -> tuple[str, str]:
+    """What makes an entry no flight and what to do about it; empty where nothing does."""
+    if not isinstance(item, dict):
+        return f"it is {item!r:.40}, no object", 'write {"scenario": NAME} for each flight'
+    unknown = sorted(set(item) - set(OF_A_FLIGHT))
+    if unknown:
+        near = {name: difflib.get_close_matches(name, OF_A_FLIGHT, n=1, cutoff=0.5) for name in unknown}
+        told = ", ".join(f"{name!r}" + (f" (did you mean {near[name][0]!r}?)" if near[name] else "") for name in unknown)
+        return f"unknown {told}", "correct the key, or leave it out"
+    return ("", "") if "scenario" in item else ("it names none", "add scenario, one of visloc sim --list")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -248,6 +248,23 @@ def test_a_wrong_campaign_file_is_named_with_its_entry(spec: FlightSpec, tmp_pat
     assert str(path) in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("entry", "told"),
+    [
+        ({"scenario": "jam", "sead": 1}, r"unknown 'sead' \(did you mean 'seed'\?\); remedy: correct the key"),
+        ({"scenario": "jam", "height_m": 90, "sed": 2}, r"unknown 'height_m', 'sed' \(did you mean 'seed'\?\); remedy: correct"),
+        ({"scenarios": "jam"}, r"unknown 'scenarios' \(did you mean 'scenario'\?\); remedy: correct the key"),
+        ({"seed": 1}, "it names none; remedy: add scenario, one of visloc sim --list"),
+        ("jam", r"it is 'jam', no object; remedy: write \{\"scenario\": NAME\}"),
+    ],
+)
+def test_what_is_wrong_with_an_entry_is_named(spec: FlightSpec, tmp_path: Path, entry: object, told: str) -> None:
+    path = tmp_path / "campaign.json"
+    path.write_text(json.dumps([{"scenario": "jam"}, entry]), encoding="utf-8")
+    with pytest.raises(ConfigError, match=rf"campaign\.json: entry 1 .*{told}"):
+        campaign_specs(str(path), spec)
+
+
 def test_an_unknown_campaign_names_the_known_ones(spec: FlightSpec) -> None:
     with pytest.raises(ConfigError, match="scenarios, vehicles or a JSON file"):
         campaign_specs("nothing", spec)
