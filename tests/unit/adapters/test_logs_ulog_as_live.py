@@ -131,6 +131,18 @@ def test_accelerations_are_read_at_no_more_than_a_hundred_hertz(tmp_path: Path) 
     assert {event.force_frd_mps2 for event in read} == {(0.5, -0.25, -9.75)}
 
 
+def test_a_beam_as_long_as_it_may_be_has_met_nothing(tmp_path: Path) -> None:
+    rows = [("distance_sensor", 0, 1.0 + k, (0.5, 50.0, m, 25)) for k, m in enumerate((0.25, 0.5, 49.5, 50.0, 51.0))]
+    read = [event for event in log(tmp_path / "a.ulg", attitude(1.0), *rows) if isinstance(event, Range)]
+    assert [(event.distance_m, event.valid) for event in read] == [
+        (0.0, False),
+        (0.5, True),
+        (49.5, True),
+        (0.0, False),
+        (0.0, False),
+    ]
+
+
 def test_the_sensor_that_looks_down_is_found_behind_one_that_looks_ahead(tmp_path: Path) -> None:
     ahead = [("distance_sensor", 0, t_s, (0.5, 50.0, 7.0, 0)) for t_s in (1.0, 2.0)]
     down = [("distance_sensor", 1, t_s, (0.5, 50.0, 20.0 + t_s, 25)) for t_s in (1.0, 2.0)]

@@ -145,6 +145,27 @@ def test_only_a_rangefinder_that_looks_down_counts():
     assert not one(lost).valid
 
 
+@pytest.mark.parametrize(
+    ("distance_cm", "quality", "valid"),
+    [
+        *((19, 0, False), (20, 0, True), (4999, 0, True), (5000, 0, False), (5100, 0, False), (65535, 0, False)),
+        *((900, 0, True), (900, 1, False), (900, 2, True), (900, 100, True), (5000, 100, False)),
+    ],
+)
+def test_the_end_of_a_rangefinders_reach_is_no_distance(distance_cm: int, quality: int, valid: bool) -> None:
+    """Centimetres are cut off by both autopilots (GCS_Common.cpp, DISTANCE_SENSOR.hpp): 50.00 of 50 m is 50.00 to 50.01 m, and a
+    simulated beam that meets nothing (Gazebo's) is as long as it may be. Quality 0 is unknown, 1 invalid, for both."""
+    down = mav.MAV_SENSOR_ROTATION_PITCH_270
+    said = mav.MAVLink_distance_sensor_message(1000, 20, 5000, distance_cm, 0, 0, down, 255, signal_quality=quality)
+    assert one(said).valid is valid
+
+
+def test_a_reach_beyond_what_the_message_holds_is_none_either() -> None:
+    """65535 cm is all that fits: a reading there may be of anything farther."""
+    said = mav.MAVLink_distance_sensor_message(1000, 20, 65535, 65535, 0, 0, mav.MAV_SENSOR_ROTATION_PITCH_270, 255)
+    assert not one(said).valid
+
+
 def test_a_rangefinder_says_which_it_is_and_how_it_scatters():
     down = mav.MAVLink_distance_sensor_message(1000, 20, 5000, 1234, 0, 3, mav.MAV_SENSOR_ROTATION_PITCH_270, 25)
     assert one(down) == Range(T, 1_000_000_000, 12.34, True, 3, sigma_m=0.05)

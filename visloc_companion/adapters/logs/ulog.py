@@ -342,7 +342,7 @@ def _distance(t_ns: int, row: Row) -> Event | None:
     if row["orientation"] != _DOWN:
         return None
     distance_m = float(row["current_distance"])
-    known = math.isfinite(distance_m) and row["min_distance"] <= distance_m <= row["max_distance"]
+    known = math.isfinite(distance_m) and row["min_distance"] <= distance_m < row["max_distance"]  # as the link's are judged
     valid = known and row.get("signal_quality", -1) != 0
     return Range(t_ns, t_ns, distance_m if known else 0.0, valid, int(row.get("device_id", 0)))
 

@@ -135,7 +135,8 @@ def _estimator_status(msg: Message, t_rx_ns: int) -> Outcome:
 def _distance_sensor(msg: Message, t_rx_ns: int) -> Outcome:
     if msg.orientation != mav.MAV_SENSOR_ROTATION_PITCH_270:
         return None
-    in_range = msg.min_distance <= msg.current_distance <= msg.max_distance
+    # Both autopilots cut whole centimetres off: what reads as the end of the reach lies at it or beyond.
+    in_range = msg.min_distance <= msg.current_distance < msg.max_distance
     invalid_signal = getattr(msg, "signal_quality", 0) == 1
     sigma_m = math.sqrt(msg.covariance) / 100.0 if 0 < msg.covariance < _UNKNOWN_VARIANCE else None  # cm²
     valid = in_range and not invalid_signal
