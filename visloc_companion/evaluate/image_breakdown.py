@@ -28,7 +28,8 @@ from visloc_companion.evaluate.case_map import picture_of
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_frame
 from visloc_companion.evaluate.image_metrics import WRONG_PX, CaseResult, case_error
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
-from visloc_companion.maps.geotiff import crs_of, ground_gsd_m
+from visloc_companion.maps.geotiff import crs_of
+from visloc_companion.maps.ground_pixel import ground_gsd_m
 from visloc_companion.maps.world_file import open_raster
 
 WATER_NDWI, WATER_GREY, WATER_DEVIATION, ROUGH_DEVIATION = 0.15, 90.0, 3.0, 8.0
@@ -206,7 +207,7 @@ def _picture(ortho: Path) -> _Picture | None:
         u, v = apply_affine(T_pix_map, np.array(where.to_map(lat_deg, lon_deg)))
         return float(u), float(v)
 
-    return _Picture(path, to_pix, shape, ground_gsd_m(where, T_map_pix, shape))
+    return _Picture(path, to_pix, shape, ground_gsd_m(where, T_map_pix, shape, str(path)))
 
 
 def _layers(path: Path, rows: tuple[int, int], cols: tuple[int, int]) -> tuple[NDArray[np.bool_], NDArray[np.float32]] | None:

@@ -22,6 +22,7 @@ from visloc_companion.maps.averaged import averaged_holes
 from visloc_companion.maps.collar import collar
 from visloc_companion.maps.crs import MapCrs, map_crs
 from visloc_companion.maps.fills import HEIGHTS_M, RIM_PX, SAME_M, in_missing, missing_blocks, no_colour, undeclared_fill
+from visloc_companion.maps.ground_pixel import ground_gsd_m
 from visloc_companion.maps.layer import ArrayLayer, Layer, Validity, Values, array_layer, halved, level_shapes
 from visloc_companion.maps.manifest import require_utf8
 from visloc_companion.maps.overviews import overviews_are_averages
@@ -68,8 +69,8 @@ class GeoTiff:
 
     @property
     def gsd_m(self) -> float:
-        """Geometric mean of the pixel's sides on the ground, at the raster's centre, metres."""
-        return ground_gsd_m(self.crs, self.T_map_pix, self.shape)
+        """Geometric mean of the pixel's sides on the ground, at the raster's centre, metres. Raises MapError at a pole."""
+        return ground_gsd_m(self.crs, self.T_map_pix, self.shape, str(self.path))
 
 
 def files_of(path: Path) -> list[Path]:
@@ -96,13 +97,6 @@ def crs_of(path: Path) -> tuple[MapCrs, tuple[float, float]]:
     with dataset:
         easting, northing = T_map_pix @ np.array([(dataset.width - 1) / 2, (dataset.height - 1) / 2, 1.0])
     return crs, (float(easting), float(northing))
-
-
-def ground_gsd_m(crs: MapCrs, T_map_pix: FloatArray, shape: tuple[int, int]) -> float:
-    """Geometric mean of a pixel's sides on the ground, at the centre of a raster of (rows, cols)."""
-    centre = T_map_pix @ np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2, 1.0])
-    J = crs.linearised_at_map(float(centre[0]), float(centre[1])).J_map_ne
-    return float(np.sqrt(abs(np.linalg.det(T_map_pix[:, :2]) / np.linalg.det(J))))
 
 
 def open_ortho(path: Path, stretches: Mapping[str, Stretch] | None = None) -> GeoTiff:

@@ -13,7 +13,7 @@ from visloc_companion.errors import MapError, OutsideMap
 from visloc_companion.geo.raster import apply_affine, compose_affine, invert_affine, window_affine
 from visloc_companion.maps.around import MAX_POINTS, on_the_ground, sampled_surface
 from visloc_companion.maps.crs import Linearisation, MapCrs
-from visloc_companion.maps.geotiff import ground_gsd_m
+from visloc_companion.maps.ground_pixel import ground_gsd_m
 from visloc_companion.maps.layer import Layer
 from visloc_companion.maps.places import near_middle, pix_of_geo
 from visloc_companion.maps.warp import interpolate, warp_affine, warp_places

@@ -12,7 +12,8 @@ import visloc_companion
 from visloc_companion.errors import DatumMissing, MapError
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
-from visloc_companion.maps.geotiff import files_of, ground_gsd_m, stretches_of
+from visloc_companion.maps.geotiff import files_of, stretches_of
+from visloc_companion.maps.ground_pixel import ground_gsd_m
 from visloc_companion.maps.manifest import (
     KIND,
     SCHEMA,
@@ -141,7 +142,7 @@ def build_pack(
             name=name or (out.resolve() if out.name in ("", "..") else out).name,
             software=SOFTWARE,
             crs=CrsEntry(name=grid.crs.name, epsg=grid.crs.epsg, wkt=grid.crs.wkt),
-            gsd_m=ground_gsd_m(grid.crs, grid.T_map_pix, (grid.rows, grid.cols)),
+            gsd_m=ground_gsd_m(grid.crs, grid.T_map_pix, (grid.rows, grid.cols), str(out)),
             bounds=_bounds(grid),
             capture_date=capture_date,
             source=source,

@@ -13,7 +13,7 @@ from visloc_companion.geo.raster import T_map_pix_from_gdal
 from visloc_companion.maps.cloud_las import LasFile, open_las
 from visloc_companion.maps.crs import MapCrs
 from visloc_companion.maps.fills import HEIGHTS_M
-from visloc_companion.maps.geotiff import ground_gsd_m
+from visloc_companion.maps.ground_pixel import ground_gsd_m
 from visloc_companion.maps.layer import array_layer
 from visloc_companion.maps.wild import surface_mask
 from visloc_companion.prepare.target import Source
@@ -65,7 +65,8 @@ def _rasterised(las: LasFile, crs: MapCrs) -> Source:
     T_map_pix = T_map_pix_from_gdal((cell, 0.0, float(low[0]), 0.0, -cell, float(high[1])))
     heights *= np.float32(las.height_unit_m)
     heights[~known] = 0
-    return Source(str(las.path), array_layer(T_map_pix, heights, known), crs, ground_gsd_m(crs, T_map_pix, (rows, cols)))
+    gsd_m = ground_gsd_m(crs, T_map_pix, (rows, cols), str(las.path))
+    return Source(str(las.path), array_layer(T_map_pix, heights, known), crs, gsd_m)
 
 
 def on_land(heights_m: FloatArray) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from visloc_companion.localise.shadow import cast_shadow
 from visloc_companion.maps.crs import map_crs
-from visloc_companion.maps.geotiff import ground_gsd_m
+from visloc_companion.maps.ground_pixel import ground_gsd_m
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import FloatArray
 

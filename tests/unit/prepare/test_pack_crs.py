@@ -7,8 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import rasterio
 
 from tests.unit.prepare.test_build import picture
+from visloc_companion.errors import MapError
 from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.outlasts import outlasts_geotiff
@@ -61,3 +63,23 @@ def test_a_pack_in_a_crs_that_no_geotiff_gives_back_can_be_opened(tmp_path: Path
     pack, file = PackMap.open(tmp_path / "pack"), RasterMap.open(tmp_path / "a.vrt")
     place = file.to_geo(*file.center_map_m)
     assert off_the_file(pack, place, file, picture(200)) < 2.0
+
+
+@pytest.mark.parametrize(("crs", "which"), [("EPSG:5041", "north"), ("EPSG:5042", "south")])
+def test_what_is_centred_on_a_pole_is_named_with_what_to_do(tmp_path: Path, crs: str, which: str) -> None:
+    """No direction is north there. Orthophoto, surface model, or a cut of it beside the pole."""
+
+    def raster(name: str, dtype: str, east_m: float) -> Path:
+        place = rasterio.Affine(1.0, 0, 1_999_900.0 + east_m, 0, -1.0, 2_000_100.0)
+        shape = {"width": 200, "height": 200, "count": 1, "dtype": dtype}
+        with rasterio.open(tmp_path / name, "w", driver="GTiff", crs=crs, transform=place, **shape) as out:
+            out.write(np.random.default_rng(1).integers(1, 255, (200, 200)).astype(dtype), 1)
+        return tmp_path / name
+
+    told = rf"{which} pole, where no direction is north; remedy: cut it .*gdal_translate -srcwin"
+    with pytest.raises(MapError, match=rf"a\.tif: has its middle at the {told}"):
+        build_pack([raster("a.tif", "uint8", 0.0)], None, tmp_path / "pack")
+    beside = raster("b.tif", "uint8", 150.0)
+    with pytest.raises(MapError, match=rf"dsm\.tif: has its middle at the {told}"):
+        build_pack([beside], raster("dsm.tif", "float32", 0.0), tmp_path / "pack")
+    assert build_pack([beside], None, tmp_path / "pack").crs.epsg == int(crs[5:])
