@@ -97,8 +97,10 @@ def build(
         cloud_above_at_places,
         described_plane,
         described_range,
+        described_undulation,
         heights_warnings,
         surface_range,
+        undulation_warnings,
     )
 
     _check_date(capture_date)
@@ -140,7 +142,7 @@ def build(
     echo_features(manifest)
     pack = PackMap.open(built, verify_hashes=False)
     if (surface := surface_range(pack)) is not None:
-        typer.echo(f"surface {described_range(surface)}")
+        typer.echo(f"surface {described_range(surface)}{described_undulation(manifest.heights)}")
     if manifest.heights.grid is None:
         unstated = (
             ", for want of --dsm, --cloud and --ground-height-m: frames are scaled by it" if ground_height_m is None else ""
@@ -153,6 +155,7 @@ def build(
         *seams,
         *bent_dates(manifest.other_dates, manifest.gsd_m),
         *heights_warnings(cloud_above_at_places(pack)),
+        *undulation_warnings(manifest.heights, surface, ground_height_m),
     ):
         typer.echo(f"warning: {warning}", err=True)
     if manifest.heights.share_known < 0.9995:
@@ -261,7 +264,7 @@ def _check_date(text: str) -> None:
 
 def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
     from visloc_companion.maps.manifest import HeightEntry, OtherDate
-    from visloc_companion.prepare.heights import described_plane, described_range
+    from visloc_companion.prepare.heights import described_plane, described_range, described_undulation
 
     manifest = result["manifest"]
     bounds, heights = manifest["bounds"], manifest["heights"]
@@ -280,7 +283,7 @@ def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "heights", described_plane(HeightEntry.model_validate(heights))
     else:
         grid = heights["grid"]
-        made = f"made from {heights['source_datum']} heights"
+        made = f"made from {heights['source_datum']} heights{described_undulation(HeightEntry.model_validate(heights))}"
         known = f", known on {heights['share_known']:.1%} of the map" if heights["share_known"] < 1 else ""
         yield "heights", f"{described_range(result['surface'])}, {made}{known}"
         yield "surface pixels", f"{grid['cols']} x {grid['rows']} at {grid['transform'][0]:.4g} m"

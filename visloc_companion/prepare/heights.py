@@ -72,6 +72,28 @@ def heights_warnings(above: Sequence[FloatArray]) -> list[str]:
     ]
 
 
+def undulation_warnings(heights: HeightEntry, surface: dict[str, float] | None, ground_h_amsl_m: float | None) -> list[str]:
+    """What is to be said of a geoid undulation with which a stated height of the ground (None: none is) lies beside the whole
+    surface, and with the other sign within it."""
+    undulation_m = heights.geoid_undulation_m
+    if undulation_m is None or surface is None or ground_h_amsl_m is None:
+        return []
+    low_m, high_m, turned_m = surface["low_m"] - APART_M, surface["high_m"] + APART_M, 2 * undulation_m
+    if low_m <= ground_h_amsl_m <= high_m or not low_m + turned_m <= ground_h_amsl_m <= high_m + turned_m:
+        return []
+    return [
+        f"--geoid-undulation-m {undulation_m:g} puts the surface {surface['low_m']:.0f} to {surface['high_m']:.0f} m above sea "
+        f"level, {-undulation_m:g} puts the ground there that --ground-height-m states, {ground_h_amsl_m:g} m: its sign is "
+        "wrong, it counts from the ellipsoid up to the geoid"
+    ]
+
+
+def described_undulation(heights: HeightEntry) -> str:
+    """On which side of the ellipsoid the geoid was taken to lie, for people; empty where heights came as above sea level."""
+    n_m = heights.geoid_undulation_m
+    return "" if n_m is None else f", the geoid {abs(n_m):g} m {'above' if n_m >= 0 else 'below'} the ellipsoid"
+
+
 def described_range(heights: dict[str, Any] | None) -> str:
     """Heights for people; empty where there are none."""
     return "" if heights is None else f"{heights['low_m']:.0f} to {heights['high_m']:.0f} m above sea level"

@@ -167,6 +167,25 @@ def test_ellipsoidal_heights_through_the_options(tmp_path: Path, ortho: Path, vi
     assert json.loads((tmp_path / "r.json").read_text())["manifest"]["heights"]["geoid_undulation_m"] == -20.5
 
 
+@pytest.mark.parametrize(
+    ("undulation_m", "ground_m", "wrong"),
+    [(46.5, 432, False), (-46.5, 432, True), (-46.5, None, False), (46.5, 380, False), (-46.5, 600, False), (-2.0, 480, False)],
+)
+def test_a_sign_that_the_grounds_height_contradicts_is_told(
+    tmp_path: Path, ortho: Path, visloc: Visloc, undulation_m: float, ground_m: float | None, wrong: bool
+) -> None:
+    """480 m above the ellipsoid, 433.5 m above the sea: with the sign turned all heights were 93 m off, without a word."""
+    dsm = write(tmp_path / "dsm.tif", np.linspace(470, 490, 200 * 200, dtype=np.float32).reshape(200, 200))
+    command = ["build", "--ortho", ortho, "--dsm", dsm, "--out", tmp_path / "pack", "--vertical-datum", "ellipsoidal"]
+    ground = [] if ground_m is None else ["--ground-height-m", ground_m]
+    text = visloc(*command, "--model", "none", "--geoid-undulation-m", undulation_m, *ground)[1]
+    assert ("warning: --geoid-undulation-m -46.5 puts the surface 517 to 536 m above sea level, 46.5 puts" in text) is wrong
+    assert ("its sign is wrong" in text) is wrong
+    side = f"the geoid {abs(undulation_m):g} m {'above' if undulation_m > 0 else 'below'} the ellipsoid"
+    assert f"m above sea level, {side}\n" in text
+    assert f"made from ellipsoidal heights, {side}" in visloc("info", tmp_path / "pack")[1]
+
+
 def test_a_ground_that_nobody_stated_is_told(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
     """Without --dsm, --cloud and --ground-height-m the ground lay at 0 m, 430 m below the place, without a word."""
     base = ("build", "--ortho", ortho, "--out", tmp_path / "pack", "--model", "none")
