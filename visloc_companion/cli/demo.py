@@ -44,6 +44,9 @@ def _tell(result: DemoResult) -> None:
     checks = result.flown.checks
     for check in checks:
         typer.echo(f"{'ok  ' if check.passed else 'FAIL'} {check.name}: {check.value} (required {check.limit})")
+    if not result.passed:
+        unknown = "is not known to have been busy or not: run it again with nothing beside it"
+        typer.echo(f"the computer {unknown if result.waits is None else result.waits.told()}")
     typer.echo(f"report: {result.report}")
     figures = {check.name: check.value for check in checks}
     typer.echo(

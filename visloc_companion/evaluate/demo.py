@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,8 @@ from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError
 from visloc_companion.evaluate.campaign import result_of
 from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, FlightWorld, FlownScenario, fault_intervals, fly, judged
-from visloc_companion.evaluate.demo_processes import Stage, fly_processes, journal_of, require_ours
+from visloc_companion.evaluate.core_waits import CoreWaits, load_waits
+from visloc_companion.evaluate.demo_processes import WAITS, Stage, fly_processes, journal_of, require_ours
 from visloc_companion.evaluate.free_cores import affordable_speed, free_cores
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.map_image import map_image
@@ -38,6 +39,8 @@ class DemoResult:
     flown: FlownScenario
     baseline_off_m: float
     report: Path
+    waits: CoreWaits | None
+    """Of the flight's processes for a core; None where the kernel does not tell."""
 
     @property
     def passed(self) -> bool:
@@ -46,7 +49,11 @@ class DemoResult:
 
     def as_json(self) -> dict[str, Any]:
         """The result as `visloc sim` states it, and how far off the flight without the daemon ended."""
-        extra = {"off_without_daemon_m": round(self.baseline_off_m, 3), "report": str(self.report)}
+        extra = {
+            "off_without_daemon_m": round(self.baseline_off_m, 3),
+            "report": str(self.report),
+            "computer": None if self.waits is None else asdict(self.waits),
+        }
         return result_of(self.flown, DEFAULT_METHOD) | extra
 
 
@@ -93,7 +100,7 @@ def run_demo(out: Path, dialect: AutopilotKind, speed: float | None, on_stage: S
         alert_limit_m=ALERT_LIMIT_M,
         gnss_faults_s=fault_intervals(setup.scenario),
     )
-    return DemoResult(flown, off_m, report)
+    return DemoResult(flown, off_m, report, load_waits(out / WAITS))
 
 
 def _affordable(on_stage: Stage) -> float:

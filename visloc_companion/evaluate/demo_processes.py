@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -18,6 +17,7 @@ from visloc_companion.app.status import check_status_socket
 from visloc_companion.app.with_parent import end_with_starter
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError, LinkError
+from visloc_companion.evaluate.core_waits import WaitsOf
 from visloc_companion.evaluate.ended_in_order import ended_in_order
 from visloc_companion.prepare.world import ProceduralWorld
 from visloc_companion.sim.flight import FlightLog, TruthSample
@@ -28,6 +28,8 @@ from visloc_companion.types import GeoPoint
 FRAME_RATE_HZ = 2.5
 STARTUP_S = 60.0
 SHUTDOWN_S = 15.0
+WAITS = "computer.json"
+"""In the demonstration's folder: how long its processes waited for a core (core_waits.CoreWaits)."""
 KILLED_S = 5.0
 
 OURS = "# Written by the demonstration"
@@ -59,7 +61,7 @@ def fly_processes(
     on_stage: Stage,
     disturb: Disturb | None = None,
 ) -> FlightLog:
-    """Fly a scenario of FLIGHTS with both processes and leave plan, configuration, logs and journal in `out`, which
+    """Fly a scenario of FLIGHTS with both processes and leave plan, configuration, logs, journal and WAITS in `out`, which
     loses the journals of the flight before (`require_ours` first).
 
     `disturb` is called some five times a second while they run. Raises LinkError where one of them ended early or never.
@@ -69,8 +71,8 @@ def fly_processes(
     config = out / "visloc.toml"
     status_socket = _status_socket(out)
     config.write_text(_config_text(setup, plan, world, status_socket), encoding="utf-8")
-    for old in out.glob("*.mcap"):
-        old.unlink()
+    for old in (*out.glob("*.mcap"), out / WAITS):
+        old.unlink(missing_ok=True)
     flown = f"flying {setup.scenario.duration_s:.0f} s at {speed:.2g} times real time, daemon and autopilot over UDP"
     on_stage(f"{flown}; to watch: visloc web --config {config}" if status_socket else flown)
     with (
@@ -84,11 +86,21 @@ def fly_processes(
             stderr=daemon_log,
             stdout=daemon_log,
         )
+        waits = WaitsOf(daemon.pid, pilot.pid)
+
+        def meanwhile() -> None:
+            if any(out.glob("*.mcap")):  # the daemon has started, which takes all cores that there are
+                waits.look()
+            if disturb is not None:
+                disturb(plan, daemon)
+
         try:
-            _wait(pilot, daemon, out, setup.scenario.duration_s / speed, partial(disturb, plan, daemon) if disturb else None)
+            _wait(pilot, daemon, out, setup.scenario.duration_s / speed, meanwhile)
         finally:
             _stop(daemon)
             _stop(pilot)
+    if (found := waits.found(speed)) is not None:
+        found.save(out / WAITS)
     return _log_of(json.loads(Path(plan.result).read_text(encoding="utf-8")), setup.scenario.duration_s)
 
 

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from visloc_companion.cli.demo import demo as command
 from visloc_companion.errors import ConfigError, LinkError
 from visloc_companion.evaluate import demo
+from visloc_companion.evaluate.core_waits import CoreWaits
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.types import AutopilotKind
 
@@ -29,7 +30,9 @@ CHECKS = [
 ]
 
 
-def run(monkeypatch: pytest.MonkeyPatch, checks: list[Check], *arguments: str | Path) -> tuple[int, str, list[Any]]:
+def run(
+    monkeypatch: pytest.MonkeyPatch, checks: list[Check], *arguments: str | Path, waits: CoreWaits | None = None
+) -> tuple[int, str, list[Any]]:
     """The command over a demonstration that showed this."""
     passed, asked = all(check.passed for check in checks), list[Any]()
 
@@ -37,7 +40,8 @@ def run(monkeypatch: pytest.MonkeyPatch, checks: list[Check], *arguments: str | 
         asked.extend(told)
         told[-1]("flying")
         result = {"scenario": "demo", "passed": passed}
-        return SimpleNamespace(flown=SimpleNamespace(checks=checks), passed=passed, report=Path("r.html"), as_json=lambda: result)
+        flown = SimpleNamespace(checks=checks)
+        return SimpleNamespace(flown=flown, passed=passed, report=Path("r.html"), waits=waits, as_json=lambda: result)
 
     monkeypatch.setattr(demo, "run_demo", run_demo)
     result = CliRunner().invoke(app, [str(argument) for argument in arguments])
@@ -66,6 +70,34 @@ def test_a_requirement_that_is_missed_exits_with_1(monkeypatch: pytest.MonkeyPat
     assert code == 1
     assert text.splitlines()[0].startswith("FAIL median error without GNSS: 3 m")
     assert text.splitlines()[-1].startswith("FAIL: without GNSS median 3 m")
+
+
+@pytest.mark.parametrize(
+    ("waits", "told"),
+    [
+        (
+            CoreWaits(40.0, 594.0, 0.292, 2.0),
+            "the computer was busy: daemon and autopilot computed for 40 s and waited for a core for 594 s, the daemon's main "
+            "thread up to 292 ms at once. That alone makes positions late: run it again with nothing beside it",
+        ),
+        (CoreWaits(132.0, 20.0, 0.150, 2.0), "the computer was busy"),
+        (CoreWaits(132.0, 20.0, 0.150, 0.5), "the computer was not too busy"),
+        (
+            CoreWaits(132.0, 20.0, 0.012, 2.0),
+            "the computer was not too busy: daemon and autopilot computed for 132 s and waited for a core for 20 s, the daemon's "
+            "main thread up to 12 ms at once. Look for a fault, in the report and in daemon.log",
+        ),
+        (None, "the computer is not known to have been busy or not: run it again with nothing beside it"),
+    ],
+)
+def test_a_fail_tells_a_busy_computer_from_a_fault(monkeypatch: pytest.MonkeyPatch, waits: CoreWaits | None, told: str) -> None:
+    """Positions 446 ms apart beside other work read like a fault of the daemon. It is missed all the same."""
+    checks = [*CHECKS[:3], Check("longest gap between injections", "446 ms", "≤ 200 ms", False), *CHECKS[3:]]
+    code, text, _ = run(monkeypatch, checks, waits=waits)
+    assert code == 1
+    assert text.splitlines()[-3].startswith(told) and text.splitlines()[-1].startswith("FAIL: ")
+    code, text, _ = run(monkeypatch, CHECKS, waits=waits)
+    assert code == 0 and "the computer" not in text
 
 
 def test_an_unknown_dialect_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -24,6 +25,7 @@ from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import ConfigError, LinkError
 from visloc_companion.evaluate import demo, demo_processes
 from visloc_companion.evaluate.closed_loop import simulated_config
+from visloc_companion.evaluate.core_waits import load_waits
 from visloc_companion.evaluate.demo import run_demo
 from visloc_companion.localise.features import onnx
 from visloc_companion.prepare.world import ProceduralWorld
@@ -116,6 +118,33 @@ def test_a_flight_may_be_disturbed_until_it_ends(tmp_path: Path) -> None:
         demo_processes._wait(pilot, daemon, tmp_path, 30.0, lambda: seen.append(daemon.poll()))
     assert len(seen) >= 1
     assert set(seen) == {None}
+
+
+def test_a_flight_leaves_how_long_it_waited_for_a_core(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the daemon's first record on, and nothing of the flight before."""
+    plan: Any = SimpleNamespace(speed=2.0, result=str(tmp_path / "truth.json"), save=lambda _: None)
+    Path(plan.result).write_text("{}")
+    seen: list[bool] = []
+
+    def wait(pilot: object, daemon: object, out: Path, flight_s: float, meanwhile: Callable[[], None]) -> None:
+        seen.append((out / demo_processes.WAITS).exists())
+        meanwhile()
+        (out / "visloc-20260401T101500Z.mcap").touch()
+        for _ in range(3):
+            time.sleep(0.1)
+            meanwhile()
+
+    spin = [sys.executable, "-S", "-c", "while True: pass"]
+    stand_ins = ("_plan", lambda *_: plan), ("_config_text", lambda *_: ""), ("_wait", wait), ("_log_of", lambda *_: None)
+    for name, stand_in in (*stand_ins, ("_started", lambda *_, **__: subprocess.Popen(spin))):
+        monkeypatch.setattr(demo_processes, name, stand_in)
+    told: list[int] = []
+    (tmp_path / demo_processes.WAITS).write_text("of before")
+    nothing: Any = None
+    demo_processes.fly_processes(tmp_path, SETUP, nothing, 2.0, lambda _: None, lambda _, daemon: told.append(daemon.pid))
+    found = load_waits(tmp_path / demo_processes.WAITS)
+    assert seen == [False] and len(told) == 4
+    assert found is not None and found.speed == 2.0 and found.computed_s + found.waited_s > 0.1
 
 
 DEMONSTRATION = """
