@@ -14,11 +14,13 @@ MOST_OWN_GIMBALS = 6
 """GIMBAL_DEVICE_ATTITUDE_STATUS.gimbal_device_id of gimbals without a MAVLink component of their own."""
 GIMBAL_COMPONENTS = frozenset((154, *range(171, 176)))
 """MAV_COMP_ID_GIMBAL, and GIMBAL2 to GIMBAL6."""
+LENS_KEYS = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
+"""What frames are placed by: assumed, they lie off by as much as the assumption is wrong."""
 OF_GIMBALS = ("gimbal_id", "gimbal_frame", "gimbal_yaw_sigma_deg")
 
 
 class CameraConfig(Section):
-    """The camera and how it is mounted."""
+    """The camera and how it is mounted. Where `url` names one, size and lens (`width_px` to `cy_px`) have to be stated."""
 
     url: str = ""
     """`files:FOLDER` (with frames.csv), `video:FILE`, `device:/dev/video0` or `tcp:HOST:PORT` (length-prefixed frames)."""
@@ -70,6 +72,11 @@ class CameraConfig(Section):
     readout_ms: Annotated[float, Field(ge=-200, le=200)] = 0.0
     """Time from the first row of an image to the last where the shutter rolls (often 10 to 40 ms; the sensor's data sheet says);
     negative where the image is turned upside down after it was read. Frames count from their middle row."""
+
+    @property
+    def unstated(self) -> list[str]:
+        """Those of LENS_KEYS that nobody stated and that have their defaults."""
+        return [key for key in LENS_KEYS if key not in self.model_fields_set]
 
     @field_validator("distortion")
     @classmethod

@@ -124,6 +124,8 @@ async def _build(parts: Parts, make: Constructors, reports: Reports, ahead: Work
     if config.camera.url:
         parts.camera = await _tried_later(problems, asyncio.to_thread(make.camera, config, clock))
         _tried(problems, lambda: check_calibration(config, parts.camera))
+        if parts.camera is not None:
+            _tried(problems, lambda: require_lens(config))
     if config.journal.folder and not problems:
         parts.journal = _tried(problems, lambda: _journal(config, clock, reports.journal_problem))
     elif config.journal.folder:
@@ -141,6 +143,16 @@ def check_calibration(config: Config, camera: Camera | None) -> None:
         size = f"{found.width_px}x{found.height_px}, not {wanted.width_px}x{wanted.height_px}"
         what = size if (found.width_px, found.height_px) != (wanted.width_px, wanted.height_px) else f"{found}, not {wanted}"
         raise CameraError(f"its calibration is {what}", where=config.camera.url, remedy="correct section camera")
+
+
+def require_lens(config: Config) -> None:
+    """A focal length that is assumed gives fixes that are off by as much as it is wrong. Raises ConfigError."""
+    if config.camera.unstated:
+        raise ConfigError(
+            f"{', '.join(config.camera.unstated)} not stated, but camera.url is set",
+            where="camera",
+            remedy="write the calibration's values: none is assumed (docs/on-a-drone.md, Calibration)",
+        )
 
 
 def require_pack(config: Config) -> bool:

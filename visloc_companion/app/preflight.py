@@ -15,6 +15,7 @@ from visloc_companion.app.parts import (
     check_calibration,
     check_journal_folder,
     journal_header,
+    require_lens,
     require_pack,
 )
 from visloc_companion.app.status import check_status_socket
@@ -42,6 +43,11 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
         if require_pack(config):
             about = about_of(load_factory(make.answers)(config))
 
+    def open_camera() -> None:
+        camera = make.camera(config, clock)
+        attempt(lambda: check_calibration(config, camera))
+        attempt(lambda: require_lens(config))
+
     def doubt(text: str) -> None:
         """Of the link before it is opened: what a start goes on with, as in flight it must, and a check does not."""
         problems.append(LinkError(text, where="link"))
@@ -49,7 +55,7 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
     attempt(lambda: make.link(config, clock, lambda *_: None, doubt, None))
     attempt(lambda: check_serial_device(config.link.url))
     if config.camera.url:
-        attempt(lambda: check_calibration(config, make.camera(config, clock)))
+        attempt(open_camera)
     if config.camera.url or config.localiser.terrain:
         attempt(open_worker)
     elif config.map.pack:  # held against GNSS on the ground

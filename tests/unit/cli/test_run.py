@@ -91,6 +91,25 @@ def test_a_camera_that_no_lens_makes_is_refused_by_file_and_field(tmp_path: Path
         assert "camera.fx_px: 5 px are a view of 178° over the 640 px of the picture" in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("lens", "unstated"),
+    [
+        ("", "width_px, height_px, fx_px, fy_px, cx_px, cy_px"),
+        ("width_px = 640\nheight_px = 480\nfx_px = 500.0\nfy_px = 500.0\n", "cx_px, cy_px"),
+        ("width_px = 640\nheight_px = 480\nfx_px = 500.0\nfy_px = 500.0\ncx_px = 319.5\ncy_px = 239.5\n", ""),
+    ],
+)
+def test_a_lens_that_nobody_stated_is_not_assumed(tmp_path: Path, lens: str, unstated: str) -> None:
+    """A camera's frames were placed as those of a lens of 500 px, whatever its own, and nobody was told."""
+    text = f'[link]\nurl = "udpin:127.0.0.1:0"\n[camera]\nurl = "tcp:127.0.0.1:1"\n{lens}[map]\npack = "/none"\n'
+    path = configuration(tmp_path, text)
+    for done in (visloc_run(path, "--check"), visloc_run(path)):
+        told = "remedy: write the calibration's values: none is assumed (docs/on-a-drone.md, Calibration)"
+        assert done.returncode == (2 if unstated else 3)
+        assert (f"camera: {unstated} not stated, but camera.url is set" in done.stderr) is bool(unstated)
+        assert (told in done.stderr) is bool(unstated)
+
+
 def test_check_names_every_problem_in_one_tree(tmp_path: Path) -> None:
     text = '[link]\nurl = "pigeon:home"\n[camera]\nurl = "teleport:x"\n[map]\npack = "/none"\n[journal]\nfolder = "/proc/none"\n'
     done = visloc_run(configuration(tmp_path, text), "--check", "--json", str(tmp_path / "found.json"))

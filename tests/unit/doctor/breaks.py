@@ -84,6 +84,8 @@ CAMERA = [
     ap("camera-aspect", "amber", "calibrate", config("camera", fy_px=700.0)),
     ap("camera-principal-point", "red", "calibrate", config("camera", cx_px=160.0, cy_px=120.0)),
     ap("camera-calibrated", "red", "fx_px", config("camera", fx_px=500.0, fy_px=500.0)),
+    ap("camera-calibrated", "red", "fx_px, fy_px", unstated("camera", "fx_px")),
+    ap("camera-calibrated", "red", "cx_px, cy_px", unstated("camera", "cx_px")),
     ap("camera-calibrated", "amber", "distortion", config("camera", distortion=(0.0, 0.0, 0.0, 0.0, 0.0))),
     ap("camera-latency", "amber", "camera.latency_s", config("camera", latency_s=0.0)),
     ap("camera-latency", "red", "camera.latency_s", config("camera", latency_s=0.9)),

@@ -34,8 +34,12 @@ MORE = {
 RATES = {"ATTITUDE": 50.0, "SCALED_IMU": 50.0, "GLOBAL_POSITION_INT": 10.0, "LOCAL_POSITION_NED": 10.0, "GPS_RAW_INT": 5.0}
 CAMERA = {
     "url": "device:/dev/video0",
+    "width_px": 640,
+    "height_px": 480,
     "fx_px": 554.0,
     "fy_px": 554.0,
+    "cx_px": 319.5,
+    "cy_px": 239.5,
     "distortion": [0.1, 0, 0, 0, 0],
     "latency_s": 0.05,
     "readout_ms": 20.0,

@@ -27,7 +27,7 @@ from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Record
 from visloc_companion.adapters.logs.truth import TruthRow, read_truth
 from visloc_companion.adapters.table import torn
 from visloc_companion.config import mask_found, parse_config
-from visloc_companion.config_camera import CameraConfig
+from visloc_companion.config_camera import LENS_KEYS, CameraConfig
 from visloc_companion.errors import ConfigError, LogError
 
 _STATE_IT = "state boot time minus file time in seconds"
@@ -40,7 +40,6 @@ _MAX_OFFSET_S = 1e10
 _WEEKS_NS = 1024 * 604_800 * NS_PER_S
 """GPS counts weeks in ten bits: receivers that were not told of it lie so far, or a multiple of it, in the past."""
 _OWN_KEYS = ("time_base", "offset_s", "video_start_us")
-_LENS_KEYS = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +86,7 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
     frames = open_frames(folder, settings.get("video_start_us"))
     if frames is not None and camera is None:
         raise LogError("is missing beside the frames", where=str(folder / "camera.toml"), remedy="describe the camera there")
-    if frames is not None and (unsaid := [key for key in _LENS_KEYS if key not in settings]):
+    if frames is not None and (unsaid := [key for key in LENS_KEYS if key not in settings]):
         what = f"does not say {', '.join(unsaid)}"
         raise ConfigError(what, where=str(folder / "camera.toml"), remedy="write the calibration's values: none is assumed")
     of_frames = notes_on(frames, folder / "frames.csv")

@@ -220,6 +220,8 @@ def _principal(camera: CameraConfig, facts: Facts) -> Finding:
 )
 def _calibrated(camera: CameraConfig, facts: Facts) -> Finding:
     del facts
+    if camera.unstated:
+        return red(f"{', '.join(camera.unstated)} not stated: the daemon does not start")
     default = CameraConfig()
     if (camera.fx_px, camera.fy_px) == (default.fx_px, default.fy_px):
         return red(f"fx_px = {camera.fx_px:g}, the default")
