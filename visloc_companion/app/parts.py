@@ -164,10 +164,19 @@ def require_pack(config: Config) -> bool:
 
 
 def check_journal_folder(config: Config) -> None:
-    """Make a journal in the journal's folder and remove it. Raises JournalError, also where the disk is full."""
+    """Make a journal in the journal's folder and remove it. Raises JournalError, also where the disk is full.
+
+    Folders that were not there are not left: a check by root would keep the daemon's own user from writing.
+    """
     folder = config.journal.folder
-    journal = JournalWriter.create(Path(folder), JournalHeader({}), max_bytes=config.journal.max_bytes)
-    _discard(journal)
+    made = [path for path in (Path(folder), *Path(folder).parents) if not path.exists()]
+    try:
+        journal = JournalWriter.create(Path(folder), JournalHeader({}), max_bytes=config.journal.max_bytes)
+        _discard(journal)
+    finally:
+        for path in made:
+            with contextlib.suppress(OSError):
+                path.rmdir()
     if journal.problem:
         raise JournalError(journal.problem, where=folder, remedy="make room, or name another journal.folder")
 

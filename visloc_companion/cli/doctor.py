@@ -46,6 +46,8 @@ def doctor(
         _print(report, everything)
     finally:  # a reader of the table that went away must not cost the files
         _write(report, fix, json)
+    if fix is not None and not report.facts.parameters:
+        typer.echo(f"{fix} is not written: no parameter of the autopilot was read", err=True)
     if report.problem is not None:
         raise report.problem
     from visloc_companion.doctor.report import is_red
@@ -92,6 +94,6 @@ def _write(report: Report, fix: Path | None, json_path: Path | None) -> None:
 
     if json_path is not None:
         write_json(json_path, as_json(report))
-    if fix is not None:
+    if fix is not None and report.facts.parameters:
         system_id = 1 if report.facts.link is None else report.facts.link.system_id
         write_text(fix, render(report.facts.autopilot, report.changes, system_id, report.types), "--fix")

@@ -85,8 +85,14 @@ class RerunSource:
         return record
 
     def _effective(self, header: JournalHeader) -> Config:
-        """The configuration of this run. Raises ConfigError where it names no map."""
+        """The configuration of this run. Raises ConfigError where it states no lens or names no map."""
         config = self.config or parse_config(header.configuration, where=str(self.path))
+        if config.camera.unstated:
+            raise ConfigError(
+                f"{', '.join(config.camera.unstated)} not stated",
+                where=f"{self.stated_in}: camera",
+                remedy="write the calibration's values: none is assumed, nor taken from the flight's own configuration",
+            )
         if self.pack is not None:
             config = config.model_copy(update={"map": config.map.model_copy(update={"pack": str(self.pack)})})
         if not config.map.pack:

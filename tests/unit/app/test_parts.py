@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 from visloc_companion.app.clock import MonotonicClock
-from visloc_companion.app.parts import Constructors, Reports, StartFailed, assemble
+from visloc_companion.app.parts import Constructors, Reports, StartFailed, assemble, check_journal_folder
 from visloc_companion.app.status import status_server
 from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.config import parse_config
+from visloc_companion.errors import JournalError
 from visloc_companion.testing.fake_link import FakeLink
 
 REPORTS = Reports(lambda notice: None, lambda text: None, lambda text: None)
@@ -93,3 +94,17 @@ def test_what_takes_long_to_import_is_not_waited_for_before_the_worker_begins() 
     code = "import sys, visloc_companion.app.live as _; print([m for m in ('filterpy', 'pymavlink', 'cv2') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_check_leaves_no_folder_that_it_made(tmp_path: Path) -> None:
+    """`sudo visloc doctor` left a journal's folder that was root's, and the daemon's own user could write no journal."""
+    config = parse_config({"journal": {"folder": str(tmp_path / "lib" / "journals")}})
+    check_journal_folder(config)
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "lib" / "journals").mkdir(parents=True)
+    check_journal_folder(config)
+    assert list(tmp_path.rglob("*")) == [tmp_path / "lib", tmp_path / "lib" / "journals"]
+    in_a_file = parse_config({"journal": {"folder": str(tmp_path / "lib" / "file" / "journals")}})
+    (tmp_path / "lib" / "file").touch()
+    with pytest.raises(JournalError, match=r"journals: cannot be written"):
+        check_journal_folder(in_a_file)

@@ -17,7 +17,7 @@ from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import judge
 from visloc_companion.doctor.parameter_file import changes
 from visloc_companion.doctor.rules.registry import RULES
-from visloc_companion.errors import ConfigError
+from visloc_companion.errors import ConfigError, LinkError
 from visloc_companion.types import AutopilotKind
 
 
@@ -75,6 +75,25 @@ def test_nothing_red_is_exit_code_0_and_skipped_rules_are_shown_on_demand(asked:
     assert "link-origin" in long.output
     assert "px4-ev-control" not in long.output
     assert asked[1].apply is True
+
+
+def test_what_must_change_is_not_told_of_an_autopilot_that_was_not_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """An empty file in place of yesterday's reads as one with which nothing must change."""
+
+    async def examine(wish: Wishes) -> Report:
+        facts = Facts(AutopilotKind.UNKNOWN, "", {}, wish.config)
+        return Report(facts, judge(RULES, facts), {}, problem=LinkError("nothing is heard", where=wish.url))
+
+    monkeypatch.setattr("visloc_companion.doctor.examine.examine", examine)
+    fix = tmp_path / "fix.param"
+    fix.write_text("VISO_QUAL_MIN,0\n", encoding="utf-8")
+    for before in ("VISO_QUAL_MIN,0\n", None):
+        done = run("--link", "tcp:h:0", "--fix", str(fix), "--json", str(tmp_path / "found.json"))
+        assert isinstance(done.exception, LinkError)
+        assert f"{fix} is not written: no parameter of the autopilot was read" in done.output
+        assert (fix.read_text(encoding="utf-8") if fix.exists() else None) == before
+        fix.unlink(missing_ok=True)
+    assert (tmp_path / "found.json").is_file()
 
 
 def test_the_link_of_the_configuration_is_taken_and_given_way_to(asked: list[Wishes], tmp_path: Path) -> None:

@@ -14,10 +14,11 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from visloc_companion.app.journal import Entry, JournalWriter, read_frames, read_header, read_journal
+from visloc_companion.app.journal import Entry, JournalHeader, JournalWriter, read_frames, read_header, read_journal
 from visloc_companion.cli.replay import replay
 from visloc_companion.cli.rerun_source import RerunSource, compared
 from visloc_companion.cli.sim import sim
+from visloc_companion.config import Config, MapConfig, parse_config
 from visloc_companion.errors import ConfigError, JournalError
 from visloc_companion.evaluate.closed_loop import FlightWorld, fly
 from visloc_companion.evaluate.record import FlightRecord, from_entries
@@ -96,6 +97,16 @@ def test_frames_localised_anew_are_where_they_were(flown: Path, tmp_path: Path) 
     assert again["apart_p95_m"] == pytest.approx(0.0, abs=0.02)  # the answers arrive at the median of the flight's delays
     assert again["n_not_recorded"] == 0
     assert (tmp_path / "report" / "report.html").is_file()
+
+
+def test_a_configuration_without_a_lens_is_not_that_of_the_flight() -> None:
+    """Its frames were localised as those of a lens of 500 px."""
+    told = parse_config({"camera": {"width_px": 640, "height_px": 480, "fx_px": 554.0}})
+    source = RerunSource(Path("flight.mcap"), told, Path("own.toml"), Path("pack"), salvage=False)
+    with pytest.raises(ConfigError, match=r"own\.toml: camera: fy_px, cx_px, cy_px not stated; remedy: write the calibration"):
+        source._effective(JournalHeader({}))
+    of_the_flight = JournalHeader(Config(map=MapConfig(pack="pack")).model_dump(mode="json"))
+    assert RerunSource(Path("flight.mcap"), None, Path("flight.mcap"), None, salvage=False)._effective(of_the_flight).map.pack
 
 
 def test_another_configuration_is_flown_with_another_map(flown: Path, tiny_world: Any, tmp_path: Path) -> None:
