@@ -6,14 +6,17 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from visloc_companion.app.journal import Entry, read_header, read_journal
+from visloc_companion.app.journal import Entry, JournalHeader, read_header, read_journal
 from visloc_companion.app.rounding import largest_difference
 from visloc_companion.app.serialise import to_json
 from visloc_companion.app.settings import core_settings
-from visloc_companion.config import parse_config
+from visloc_companion.config import Config, parse_config
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings
+from visloc_companion.errors import ConfigError, JournalError
 from visloc_companion.types import Command
+
+_SCHEMA = JournalHeader({}).schema
 
 
 def replay(entries: Iterable[Entry], settings: CoreSettings) -> Iterator[tuple[Entry, list[Command]]]:
@@ -36,7 +39,21 @@ def recorded_commands(entries: Iterable[Entry]) -> list[tuple[int, Command]]:
 
 def journal_settings(path: Path) -> CoreSettings:
     """What the navigator of a recorded flight was told. Raises JournalError or ConfigError."""
-    return core_settings(parse_config(read_header(path).configuration, where=str(path)))
+    return core_settings(flown_config(read_header(path), path))
+
+
+def flown_config(header: JournalHeader, path: Path) -> Config:
+    """The configuration of a recorded flight. Raises JournalError for a journal of another schema, ConfigError for a key or a
+    value that this version does not know."""
+    flown_with = f"the version that recorded it ({header.versions.get('visloc-companion', 'not stated')})"
+    if header.schema != _SCHEMA:
+        what = f"is a journal of schema {header.schema}, and this version reads {_SCHEMA}"
+        raise JournalError(what, where=str(path), remedy=f"replay it with {flown_with}")
+    try:
+        return parse_config(header.configuration, where=str(path))
+    except ConfigError as why:
+        remedy = f"it is another version's: replay it with {flown_with}, or with a configuration of this one, --config FILE"
+        raise ConfigError(why.what, where=why.where, remedy=remedy) from why
 
 
 def command_lines(commands: Iterable[tuple[int, Command]]) -> Iterator[str]:

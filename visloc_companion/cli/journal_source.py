@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from visloc_companion.app.journal import Entry, header_left, read_header, read_journal
-from visloc_companion.app.replay import Comparison, compare, recorded_commands, replay_entries
+from visloc_companion.app.replay import Comparison, compare, flown_config, recorded_commands, replay_entries
 from visloc_companion.app.rounding import ROUNDING
 from visloc_companion.app.settings import core_settings
 from visloc_companion.app.versions import versions
-from visloc_companion.config import Config, parse_config
+from visloc_companion.config import Config
 from visloc_companion.evaluate.flight import Pace
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.record import FlightRecord, from_entries
@@ -38,7 +38,7 @@ class JournalSource:
         damages: list[str] = []
         entries = list(read_journal(self.path, salvage=self.salvage, on_damage=damages.append))
         header = header_left(self.path) if self.salvage and self.config is not None else read_header(self.path)
-        effective = self.config or parse_config(header.configuration, where=str(self.path))
+        effective = self.config or flown_config(header, self.path)
         events = [entry for entry in entries if entry.event is not None]
         replayed = replay_entries(self._paced(events), core_settings(effective))
         found = compare(recorded_commands(entries), replayed)

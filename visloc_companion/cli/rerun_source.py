@@ -13,11 +13,12 @@ import numpy as np
 from visloc_companion.adapters.camera.calibration import wrong_size
 from visloc_companion.app.ground_check import ground_of
 from visloc_companion.app.journal import Entry, JournalHeader, header_left, read_frames, read_header, read_journal
+from visloc_companion.app.replay import flown_config
 from visloc_companion.app.rerun import RecordedFrames, recorded_latency_ns, rerun
 from visloc_companion.app.settings import core_settings
 from visloc_companion.app.worker_process import no_fix, open_localiser
 from visloc_companion.cli.progress import bar
-from visloc_companion.config import Config, parse_config
+from visloc_companion.config import Config
 from visloc_companion.core.lasting import BY_SHAPE
 from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.errors import ConfigError, JournalError, Reason, stated_in
@@ -86,7 +87,7 @@ class RerunSource:
 
     def _effective(self, header: JournalHeader) -> Config:
         """The configuration of this run. Raises ConfigError where it states no lens or names no map."""
-        config = self.config or parse_config(header.configuration, where=str(self.path))
+        config = self.config or flown_config(header, self.path)
         if config.camera.unstated:
             raise ConfigError(
                 f"{', '.join(config.camera.unstated)} not stated",
