@@ -129,7 +129,7 @@ async def _build(parts: Parts, make: Constructors, reports: Reports, ahead: Work
     if config.journal.folder and not problems:
         parts.journal = _tried(problems, lambda: _journal(config, clock, reports.journal_problem))
     elif config.journal.folder:
-        _tried(problems, lambda: check_journal_folder(config))
+        _tried(problems, lambda: check_journal_folder(config, leave_folder=True))
     if parts.link is not None and not problems:
         parts.heard = parts.link.events()
     if parts.worker is not None:
@@ -163,13 +163,14 @@ def require_pack(config: Config) -> bool:
     return True
 
 
-def check_journal_folder(config: Config) -> None:
+def check_journal_folder(config: Config, *, leave_folder: bool = False) -> None:
     """Make a journal in the journal's folder and remove it. Raises JournalError, also where the disk is full.
 
-    Folders that were not there are not left: a check by root would keep the daemon's own user from writing.
+    Folders that were not there are not left, unless the daemon itself asks: those of a check by root would keep the daemon's
+    own user from writing.
     """
     folder = config.journal.folder
-    made = [path for path in (Path(folder), *Path(folder).parents) if not path.exists()]
+    made = [] if leave_folder else [path for path in (Path(folder), *Path(folder).parents) if not path.exists()]
     try:
         journal = JournalWriter.create(Path(folder), JournalHeader({}), max_bytes=config.journal.max_bytes)
         _discard(journal)
