@@ -37,6 +37,9 @@ from visloc_companion.types import (
 HOME = GeoPoint(47.0, 8.0, 600.0)
 
 
+LENS = {"width_px": 64, "height_px": 48, "fx_px": 500.0, "fy_px": 500.0, "cx_px": 31.5, "cy_px": 23.5}
+
+
 @dataclass
 class FakeCamera:
     """Frames at a rate; does what its plan says after `n_frames`: end, break, hang."""
@@ -105,7 +108,7 @@ class Flight:
 
 def configuration(tmp_path: Path, **sections: dict[str, Any]) -> Config:
     base: dict[str, Any] = {
-        "camera": {"url": "fake:1", "width_px": 64, "height_px": 48, "cx_px": 31.5, "cy_px": 23.5},
+        "camera": {"url": "fake:1", **LENS},
         "map": {"pack": str(tmp_path)},
         "journal": {"folder": str(tmp_path / "journals")},
         "injection": {"policy": "always"},
