@@ -32,6 +32,8 @@ MOST_FRAME_PX = 400
 """Longer side of the rectified frame: what is smaller than its pixels seldom outlives the years between photograph and map."""
 MOST_OPEN = 300
 """Matches that are used where the heights of all are open: time goes with the cube of their number."""
+MATCHED_AT_ONCE = 64
+"""Key points of the frame: their products with those of a large map stay in the cache."""
 Pairs = tuple[FloatArray, FloatArray]
 
 
@@ -117,14 +119,30 @@ def _consistent(frame: Pairs, there: Pairs) -> Pairs:
     nothing = np.zeros((0, 2))
     if len(frame[0]) < 4 or len(there[0]) < 4:
         return nothing, nothing
-    found = cv2.BFMatcher(cv2.NORM_L2).knnMatch(frame[1].astype(np.float32), there[1].astype(np.float32), k=2)
-    good = [m for m, n in found if m.distance < RATIO * n.distance]
-    if len(good) < 4:
+    nearest, distance = _two_nearest(frame[1].astype(np.float32), there[1].astype(np.float32))
+    good = distance[:, 0] < RATIO * distance[:, 1]
+    if good.sum() < 4:
         return nothing, nothing
-    a = frame[0][[m.queryIdx for m in good]]
-    b = there[0][[m.trainIdx for m in good]]
+    a, b = frame[0][good], there[0][nearest[good, 0]]
     keep = cv2.findHomography(a, b, cv2.USAC_MAGSAC, MAGSAC_PX, maxIters=5000, confidence=0.999)[1].ravel() > 0
     return a[keep], b[keep]
+
+
+def _two_nearest(descriptors: Float32Array, among: Float32Array) -> tuple[NDArray[np.intp], Float32Array]:
+    """(N, 2) which two of (M, 128) are nearest to each of (N, 128), the nearer one first, and their distances (N, 2).
+
+    Which ones is told by products of matrices, |a - b|^2 = |a|^2 + |b|^2 - 2 a b, in a tenth of the time of all differences.
+    """
+    half_squares = 0.5 * np.einsum("ij,ij->i", among, among)
+    nearest = np.empty((len(descriptors), 2), np.intp)
+    for first in range(0, len(descriptors), MATCHED_AT_ONCE):
+        near = descriptors[first : first + MATCHED_AT_ONCE] @ among.T - half_squares
+        rows, found = np.arange(len(near)), nearest[first : first + MATCHED_AT_ONCE]
+        found[:, 0] = near.argmax(1)
+        near[rows, found[:, 0]] = -np.inf
+        found[:, 1] = near.argmax(1)
+    distance = np.linalg.norm(descriptors[:, None] - among[nearest], axis=2)
+    return nearest, np.asarray(distance, dtype=np.float32)
 
 
 def _pose(

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.photos import TILT_KNOWN, drone_urban
 from visloc_companion.evaluate.cases import Case, read_cases, read_frame, read_truth
 from visloc_companion.evaluate.image_metrics import CaseResult, case_error
-from visloc_companion.localise.keypoint import _detect
+from visloc_companion.localise.keypoint import MATCHED_AT_ONCE, _detect, _two_nearest
 from visloc_companion.localise.registry import make_localiser
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.types import Fix, FrameRef, LocaliseRequest
@@ -35,6 +35,23 @@ def test_descriptors_tell_which_way_a_pattern_lies() -> None:
     (_, north_up), (_, turned) = _detect(image, seen), _detect(np.ascontiguousarray(np.rot90(image)), seen)
     nearest = np.linalg.norm(north_up[:, None] - turned[None], axis=2).min(1)
     assert np.median(nearest) > 0.5
+
+
+def test_the_two_nearest_are_those_that_are_found_one_by_one() -> None:
+    """More than are matched at once; the last ones are of the other set, and one is there twice."""
+    rng = np.random.default_rng(4)
+    among, descriptors = (np.sqrt(rng.dirichlet(np.full(128, 0.3), n)).astype(np.float32) for n in (700, 3 * MATCHED_AT_ONCE - 5))
+    among[650] = among[90]
+    descriptors[-20:] = among[80:100]
+    nearest, distance = _two_nearest(descriptors, among)
+    found = cv2.BFMatcher(cv2.NORM_L2).knnMatch(descriptors, among, k=2)
+    alike = len(descriptors) - 10
+    assert sorted(nearest[alike].tolist()) == [90, 650], "which of both is the nearer one is chance"
+    assert distance[alike].tolist() == [0.0, 0.0]
+    others = np.arange(len(descriptors)) != alike
+    want = np.array([[(match.trainIdx, match.distance) for match in pair] for pair in found])
+    np.testing.assert_array_equal(nearest[others], want[others, :, 0])
+    np.testing.assert_allclose(distance, want[..., 1], atol=1e-6)
 
 
 def test_photographs_of_a_town_are_found_over_a_satellite_map(shared_data: Path, tmp_path: Path) -> None:
