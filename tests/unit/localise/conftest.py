@@ -124,19 +124,24 @@ def render(world: FlatMap, model: CameraModel, p_ned_m: Vec3, euler_rad: Vec3) -
         unproject(model, np.column_stack([u.ravel(), v.ravel()]).astype(float))
         @ (R_from_quat(quat_from_euler(*euler_rad)) @ R_FRD_CAM).T
     )
-    height, t = -p_ned_m[2], np.zeros(len(rays))
-    ne = np.zeros((len(rays), 2))
+    ahead, to_pix = np.maximum(rays[:, 2], 1e-3), invert_affine(world.T_map_pix)
+    highest = float(world.surface.max())
+    level = highest == float(world.surface.min())
+
+    def met(surface: FloatArray) -> NDArray[np.float32]:
+        """(H, W, 2) pixels of the map where the rays meet heights (H W,)."""
+        ne = np.array(p_ned_m[:2]) + rays[:, :2] * ((-p_ned_m[2] - surface) / ahead)[:, None]
+        return apply_affine(to_pix, ne[:, ::-1]).astype(np.float32).reshape(model.height_px, model.width_px, 2)
+
     surface = np.zeros(len(rays))
-    for _ in range(25):
-        t = (height - surface) / np.maximum(rays[:, 2], 1e-3)
-        ne = np.array(p_ned_m[:2]) + rays[:, :2] * t[:, None]
-        pix = (
-            apply_affine(invert_affine(world.T_map_pix), ne[:, ::-1])
-            .astype(np.float32)
-            .reshape(model.height_px, model.width_px, 2)
-        )
+    for _ in range(24):
+        if level:
+            surface = 0.5 * surface + 0.5 * highest
+            continue
+        pix = met(surface)
         hit = cv2.remap(world.surface, pix[..., 0], pix[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         surface = 0.5 * surface + 0.5 * np.asarray(hit, dtype=float).ravel()
+    pix = met(surface)
     colors = cv2.remap(world.pixels, pix[..., 0], pix[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
     return np.asarray(colors).astype(np.uint8)
 
