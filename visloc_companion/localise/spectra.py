@@ -31,6 +31,10 @@ USUAL_SIZE, LARGEST_SIZE = 640, 4800
 PRODUCT_WORK = 4.0
 """Work of a complex multiply-add in units of a transform's work per value and bit of its length (measured)."""
 
+WHOLE_VALUES, SUMMED_VALUES = 100_000, 16384
+"""Sums over the fields of transforms of so many values or more are worked out so many at a time, which stay in the cache then
+(measured, 5 fields: 1.1 to 1.5 times as fast from 320 x 320 on, no faster below)."""
+
 
 class BlockCorrelator:
     """The fields' block spectra over a box of positions, shared by all templates.
@@ -76,12 +80,19 @@ class BlockCorrelator:
     def summed(self, block: int, spectrum: Complex64Array) -> Complex64Array:
         """(rows, cols) correlation summed over the fields, over a block."""
         fields = self._spectra[block]
-        total = fields[0] * spectrum[0]
-        if len(fields) > 1:
-            product = np.empty_like(total)
+        if len(fields) == 1:
+            return self._cut(block, fields[0] * spectrum[0])
+        height, width = self._size
+        rows = height if height * width < WHOLE_VALUES else max(1, SUMMED_VALUES // width)
+        total = np.empty(self._size, np.complex64)
+        product = np.empty((rows, width), np.complex64)
+        for first in range(0, height, rows):
+            part = slice(first, first + rows)
+            summed, other = total[part], product[: height - first]
+            np.multiply(fields[0][part], spectrum[0][part], out=summed)
             for field, of_template in zip(fields[1:], spectrum[1:], strict=True):
-                np.multiply(field, of_template, out=product)
-                total += product
+                np.multiply(field[part], of_template[part], out=other)
+                summed += other
         return self._cut(block, total)
 
     def each(self, block: int, spectrum: Complex64Array) -> list[Complex64Array]:

@@ -57,3 +57,16 @@ def test_block_sizes_hold_the_template_and_follow_the_work():
     assert min(block_size((0, 0, 9, 9), (-500, -400, 500, 400), 6, 45)) >= 810, "a large template needs a large block"
     with pytest.raises(ValueError, match="largest transform"):
         block_size((0, 0, 0, 0), (0, 0, 9999, 10), 6, 1)
+
+
+@pytest.mark.parametrize("size", [(480, 400), (320, 324), (200, 160)])
+def test_large_sums_over_the_fields_are_those_of_each_field(size):
+    """Large ones are worked out in parts, the last one with fewer rows."""
+    fields, template = complex_noise(3, 150, 140), complex_noise(3, 31, 24)
+    box, extent = (0, 0, size[1] - 60, size[0] - 60), (0, 0, 40, 40)
+    together = BlockCorrelator(fields, box, extent, size)
+    found = together.summed(0, together.spectrum(template, (2, 3)))
+    alone = [BlockCorrelator(field[None], box, extent, size) for field in fields]
+    want = sum(c.summed(0, c.spectrum(of_field[None], (2, 3))) for c, of_field in zip(alone, template, strict=True))
+    assert found.shape == want.shape
+    np.testing.assert_allclose(found, want, atol=1e-5 * float(np.abs(want).max()))
