@@ -8,7 +8,7 @@ import numpy as np
 
 from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.localise.odometry.base import Surface
-from visloc_companion.localise.terrain.noise import TALLEST_M
+from visloc_companion.localise.terrain.tallest import TALLEST_M
 from visloc_companion.types import Beam
 
 SIGMAS = 4.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -118,6 +119,17 @@ def test_what_answers_about_the_ground_alone_holds_up_no_start_without_a_rangefi
     )
     done = subprocess.run([sys.executable, "-c", "; ".join(lines)], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.strip() == str(loaded)
+
+
+@pytest.mark.parametrize("primitives", ["", "disabled"])
+def test_scipy_is_loaded_ahead_where_its_transform_is_needed_and_nowhere_else(primitives: str) -> None:
+    parts = "{'scipy.fft', 'scipy.special'} & {*sys.modules}"
+    code = f"import sys, cv2, visloc_companion.app.localiser; print(cv2.ipp.useIPP(), *{parts})"
+    surroundings = os.environ | {"OPENCV_IPP": primitives}
+    done = subprocess.run([sys.executable, "-c", code], env=surroundings, capture_output=True, text=True, timeout=60, check=True)
+    has_primitives, *loaded = done.stdout.split()
+    assert set(loaded) == (set() if has_primitives == "True" else {"scipy.fft", "scipy.special"})
+    assert loaded or primitives == ""
 
 
 def test_a_start_that_fails_leaves_none(tmp_path: Path) -> None:

@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr  # type: ignore[import-untyped]
 
+from visloc_companion.localise.terrain.tallest import TALLEST_M
 from visloc_companion.types import FloatArray
 
 RANGE_M = 200.0
 """Over which outliers are spread."""
-TALLEST_M = 28.0
 TABLE_M = 120.0
 STEP_SIGMAS = 0.05
 STANDING = (0.02, 0.85)
