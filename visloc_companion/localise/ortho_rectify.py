@@ -68,7 +68,8 @@ def rectify_plane(
     image = np.asarray(cv2.warpPerspective(level.grey, H, size, flags=flags, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
     seen = cv2.warpPerspective(level.valid, H, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP, borderValue=0) > 0
     if _may_see_far(pose):
-        seen &= _near_enough(pose, A_ne_pix, size, ground_up_m) & _in_front(pose, A_ne_pix, size, ground_up_m)
+        offsets_ne_m = nadir_offsets(A_ne_pix, pose.p_ned_m, size)
+        seen &= _near_enough(pose, offsets_ne_m, ground_up_m) & _in_front(pose, offsets_ne_m, ground_up_m)
     return image, seen
 
 
@@ -94,7 +95,7 @@ def rectify_surface(
     image = np.asarray(cv2.remap(level.grey, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
     seen = (cv2.remap(level.valid, map_u, map_v, cv2.INTER_NEAREST, borderValue=0) > 0) & ahead
     if _may_see_far(pose):
-        seen &= _near_enough(pose, grid.A_ne_pix, (width, height), low)
+        seen &= _near_enough(pose, nadir_offsets(grid.A_ne_pix, pose.p_ned_m, (width, height)), low)
     return image, seen & ~(hidden(pose, grid) if behind is None else behind)
 
 
@@ -145,14 +146,14 @@ def _may_see_far(pose: CameraPose) -> bool:
     return bool(pose.R_ned_cam[2, 2] < np.cos(np.radians(12)))
 
 
-def _near_enough(pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], up_m: float) -> NDArray[np.bool_]:
-    north, east = nadir_offsets(A_ne_pix, pose.p_ned_m, size)
+def _near_enough(pose: CameraPose, offsets_ne_m: tuple[Float32Array, Float32Array], up_m: float) -> NDArray[np.bool_]:
+    north, east = offsets_ne_m
     reach_m = MAX_TAN_INCIDENCE * max(1.0, -float(pose.p_ned_m[2]) - up_m)
     return np.asarray(north * north + east * east < reach_m * reach_m, dtype=np.bool_)
 
 
-def _in_front(pose: CameraPose, A_ne_pix: FloatArray, size: tuple[int, int], up_m: float) -> NDArray[np.bool_]:
-    north, east = nadir_offsets(A_ne_pix, pose.p_ned_m, size)
+def _in_front(pose: CameraPose, offsets_ne_m: tuple[Float32Array, Float32Array], up_m: float) -> NDArray[np.bool_]:
+    north, east = offsets_ne_m
     axis = pose.R_ned_cam[:, 2].astype(np.float32)
     return np.asarray(axis[0] * north + axis[1] * east + axis[2] * np.float32(-up_m - pose.p_ned_m[2]) > 0, dtype=np.bool_)
 
