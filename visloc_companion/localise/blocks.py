@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -40,14 +40,34 @@ class BlockMatches:
 
 def match_blocks(grid: MapGrid, frame: Float32Array, weight: Float32Array) -> BlockMatches:
     """Match blocks of the rectified frame's features (H, W, C) within ±REACH_PX of where the pose puts them."""
-    side = int(np.clip(round(np.sqrt(float(weight.sum())) / 6), 14, 40))
-    found = [
-        (left + (side - 1) / 2, top + (side - 1) / 2, *_peak(score))
-        for left, top, score in correlated(grid, frame, weight, side, REACH_PX)
-    ]
+    side = block_side_px(weight)
+    return matches_of(correlated(grid, frame, weight, side, REACH_PX), side)
+
+
+def block_side_px(weight: Float32Array) -> int:
+    """Side of the blocks of a rectified frame that is seen with `weight` (H, W)."""
+    return int(np.clip(round(np.sqrt(float(weight.sum())) / 6), 14, 40))
+
+
+def matches_of(blocks: Iterable[tuple[int, int, Float32Array]], side_px: int) -> BlockMatches:
+    """What blocks show, by the peaks of their correlations within ±REACH_PX (`correlated`)."""
+    found = [(left + (side_px - 1) / 2, top + (side_px - 1) / 2, *_peak(score)) for left, top, score in blocks]
     table = np.array(found, dtype=np.float64).reshape(-1, 5)
     agrees = (np.hypot(table[:, 2], table[:, 3]) < AGREE_PX).astype(np.float64)
-    return BlockMatches(table[:, :2], table[:, 2:4], table[:, 4], agrees, side)
+    return BlockMatches(table[:, :2], table[:, 2:4], table[:, 4], agrees, side_px)
+
+
+def curvatures(scores: Sequence[Float32Array]) -> FloatArray:
+    """(N, 2, 2) by how much each of N correlations falls off about its peak, right and down; second differences."""
+    parts = np.empty((len(scores), 3, 3))
+    for part, score in zip(parts, scores, strict=True):
+        _, _, _, (col, row) = cv2.minMaxLoc(score)
+        row, col = min(max(row, 1), score.shape[0] - 2), min(max(col, 1), score.shape[1] - 2)
+        part[:] = score[row - 1 : row + 2, col - 1 : col + 2]
+    uu = 2 * parts[:, 1, 1] - parts[:, 1, 0] - parts[:, 1, 2]
+    vv = 2 * parts[:, 1, 1] - parts[:, 0, 1] - parts[:, 2, 1]
+    uv = (parts[:, 0, 2] + parts[:, 2, 0] - parts[:, 0, 0] - parts[:, 2, 2]) / 4
+    return np.stack([uu, uv, uv, vv], axis=1).reshape(-1, 2, 2)
 
 
 def correlated(

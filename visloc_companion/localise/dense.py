@@ -25,6 +25,7 @@ from visloc_companion.localise.relit_tiles import RelitTiles
 from visloc_companion.localise.settings import LocaliserSettings, Looks
 from visloc_companion.localise.tilt import beyond, seen_tilt, set_right
 from visloc_companion.localise.tilt_starts import tilt_is_known
+from visloc_companion.localise.together import solved_together
 from visloc_companion.localise.verify import AGAIN_WEIGHTS, DEEP_WEIGHTS, GRADIENT_WEIGHTS, Weights, block_z
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
@@ -150,7 +151,7 @@ class DenseLocaliser:
             places = open_places(task, look.matches, look.likely, 1 - look.alone)
             return replace(declined, open_places=places, footprint_m=math.sqrt(plan.area_m2))
         final = sharpened(task, match)
-        estimate = final.estimate or look.estimate
+        estimate = solved_together(task, final, found.grid) or final.estimate or look.estimate
         covariance = claimed_covariance(estimate, final.gsd_m)
         sigma_m = self._settings.map_sigma_m
         pose = estimate.pose

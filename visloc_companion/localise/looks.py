@@ -17,13 +17,11 @@ import numpy as np
 from visloc_companion.errors import Reason
 from visloc_companion.localise.block_votes import REACH_PX, share_here, votes
 from visloc_companion.localise.claims import claimed_covariance, horizontal_sigma
-from visloc_companion.localise.matching import Found, Match, Task, best_match, refined_candidates
+from visloc_companion.localise.matching import Found, Match, Task, best_match, refined_candidates, searched_window
 from visloc_companion.localise.modes import MODE_RADIUS, mass_near
 from visloc_companion.localise.open_places import Weighed, share_of, weighed
-from visloc_companion.localise.plan import view_box
 from visloc_companion.localise.pose import PoseEstimate, heading_and_tilt
 from visloc_companion.localise.verify import Evidence, Weights, beside_others, crowded, outvoted, probability_wrong, refusal
-from visloc_companion.localise.window import map_grid, part_of_box
 
 Why = tuple[Reason, str]
 
@@ -97,13 +95,7 @@ def _voted(task: Task, best: Match, found: Found) -> float:
     """The share that the frame's blocks on their own give the best match, through the features of the search, on the map under
     the frame's sun where that is looked at."""
     pose = best.descended.pose
-    low, high = view_box(task.plan, pose)
-    if task.lit is None:
-        part = part_of_box(found.grid, low, high, REACH_PX)
-    else:
-        gsd_m = found.grid.gsd_m
-        margin_m = REACH_PX * gsd_m
-        part = map_grid(task.ref, task.plan.frame, low - margin_m, high + margin_m, gsd_m, task.features, task.lit)
+    part = searched_window(task, found.grid, pose, REACH_PX)
     values, mask = task.frame(part, task.features).on_surface(pose, part)
     return share_here(votes(part, values, mask * part.weight, task.temperature))
 

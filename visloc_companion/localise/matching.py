@@ -17,7 +17,7 @@ from visloc_companion.localise.blocks import BlockMatches, share_returning
 from visloc_companion.localise.descent import Descended, Rivals, descend_resampled
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.frame import FrameLevel, reduced
-from visloc_companion.localise.frame_features import DescentFeatures, frame_features
+from visloc_companion.localise.frame_features import DescentFeatures, Seen, frame_features
 from visloc_companion.localise.ground import sigma_slope_rad
 from visloc_companion.localise.hypotheses import (
     arms_to_view,
@@ -116,7 +116,8 @@ class Task:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Match:
-    """A candidate refined at a level, with the blocks' independent check and the pose that they give."""
+    """A candidate refined at a level, with the blocks' independent check and the pose that they give. `seen`: the features of the
+    frame, under both weights, as the descended pose rectified them to the map's window `grid` that the blocks were matched on."""
 
     descended: Descended
     coarse_score: float
@@ -125,6 +126,8 @@ class Match:
     gsd_m: float
     returning: Callable[[], float]
     """Share of the blocks that agree in both directions (blocks.py); worked out when it is asked for."""
+    grid: MapGrid
+    seen: Seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,7 +253,18 @@ def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) ->
     if found.pose is not end.pose:
         end, _ = descend_resampled(frame.about(start, thin, stride), found.pose, thin, descent, task.whole_prior(), 0)
     returning = partial(share_returning, found.blocks, grid, found.values, found.weight)
-    return Match(end, coarse_score, found.blocks, found.estimate, grid.gsd_m, returning)
+    seen = found.values, found.weight
+    return Match(end, coarse_score, found.blocks, found.estimate, grid.gsd_m, returning, grid, seen)
+
+
+def searched_window(task: Task, searched: MapGrid, pose: CameraPose, margin_px: int) -> MapGrid:
+    """What a pose sees of the window that was `searched`, and a margin; under the frame's sun where that is looked at. Raises
+    OutsideMap."""
+    low, high = view_box(task.plan, pose)
+    if task.lit is None:
+        return part_of_box(searched, low, high, margin_px)
+    margin_m = margin_px * searched.gsd_m
+    return map_grid(task.ref, task.plan.frame, low - margin_m, high + margin_m, searched.gsd_m, task.features, task.lit)
 
 
 def distinct(candidates: Sequence[Descended], radius_m: float, view_ne_m: Callable[[CameraPose], FloatArray]) -> list[Descended]:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.localise.align import moved
 from visloc_companion.localise.ortho_rectify import CameraPose
@@ -34,9 +35,9 @@ LEAST_TOLD = 1e-6
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimate:
     """Pose, covariance (6, 6) of (north, east, up, rotation about n, e, d), scatter of the residuals (in units of the given
-    sigmas), the final weights (N,) of the correspondences, by how much (6,) the pose is off per share of the focal length
-    by which the lens is longer than the model has it. Of the prior that it was solved with: the 1-sigma of the tilt, and how many
-    sigmas what the points show of it is from that, their own uncertainty included."""
+    sigmas; the largest of several channels), the final weights (N,) of the correspondences, by how much (6,) the pose is off per
+    share of the focal length by which the lens is longer than the model has it. Of the prior that it was solved with: the 1-sigma
+    of the tilt, and how many sigmas what the points show of it is from that, their own uncertainty included."""
 
     pose: CameraPose
     covariance: FloatArray
@@ -132,6 +133,8 @@ def solve_pose(
     worth: FloatArray | None = None,
     cauchy: float = CAUCHY,
     widening: Callable[[float], float] | None = None,
+    whitening: FloatArray | None = None,
+    channel: NDArray[np.int64] | None = None,
 ) -> PoseEstimate | None:
     """Pose from (N, 3) ground points and (N, 2) undistorted pixels of a pinhole camera, or None where it is undetermined.
 
@@ -139,21 +142,27 @@ def solve_pose(
     may err with a covariance `heights_m2` (N, N); what that leaves open of the pose is in its covariance, unscaled. `worth` (N,)
     is the share of each point's information that counts; a point `cauchy` scatters off counts half. `widening`: by how much the
     points' sigmas are larger than they show themselves to be, at a scatter; what the prior knows is as well known as it says.
+    `whitening` (N, 2, 2) turns what a point is off by (pixels) into a vector as uncertain along all axes, `sigma_px` on each.
+    Points of each `channel` (N,) have a scatter of their own.
     """
-    pose, weights, scatter = start, np.ones(len(pix)), 1.0
+    pose, weights, scatter = start, np.ones(len(pix)), np.ones(len(pix))
     counts = np.ones(len(pix)) if worth is None else worth
+    channel = np.zeros(len(pix), dtype=np.int64) if channel is None else channel
     if len(pix) < 3:
         return None
     normal, by_focal, lower_m = np.eye(6), np.zeros(6), np.zeros(len(pix))
     from_centre = pix - np.array([K[0, 2], K[1, 2]])
+    if whitening is not None:
+        from_centre = np.einsum("nij,nj->ni", whitening, from_centre)
     for _ in range(iterations):
         residual, J = _residuals(ground_ned_m, pix, K, pose)
         if residual is None:
             return None
+        if whitening is not None:
+            residual, J = np.einsum("nij,nj->ni", whitening, residual), whitening @ J
         whitened = np.hypot(*(residual - J[:, :, 2] * lower_m[:, None]).T) / sigma_px
-        scatter = max(SIGMA_FLOOR, 1.1774**-1 * float(np.median(whitened)) * math.sqrt(len(pix) / max(1.0, len(pix) - 2.0)))
+        scatter, factor = _scatters(whitened, channel, widening)
         weights = 1 / (1 + (whitened / (cauchy * scatter)) ** 2)
-        factor = 1.0 if widening is None else widening(scatter)
         w = (weights * counts / (sigma_px * scatter * factor) ** 2)[:, None]
         information, pull = prior.at(pose)
         normal = np.einsum("nij,nik->jk", J * w[..., None], J) + information
@@ -169,7 +178,22 @@ def solve_pose(
             break
     covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     tilt_sigmas = _tilt_sigmas(pose, covariance, prior)
-    return PoseEstimate(pose, covariance, scatter, weights, by_focal, prior.sigma_tilt_rad, tilt_sigmas)
+    return PoseEstimate(pose, covariance, float(scatter.max()), weights, by_focal, prior.sigma_tilt_rad, tilt_sigmas)
+
+
+def _scatters(
+    whitened: FloatArray, channel: NDArray[np.int64], widening: Callable[[float], float] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Robust scatter (N,) of the residuals (N,) of each point's channel, in their sigmas, and the factor of `widening` at it."""
+    scatter, factor = np.ones(len(whitened)), np.ones(len(whitened))
+    for one in np.unique(channel):
+        own = channel == one
+        n = int(own.sum())
+        of_own = max(SIGMA_FLOOR, 1.1774**-1 * float(np.median(whitened[own])) * math.sqrt(n / max(1.0, n - 2.0)))
+        scatter[own] = of_own
+        if widening is not None:
+            factor[own] = widening(of_own)
+    return scatter, factor
 
 
 def _tilt_sigmas(pose: CameraPose, covariance: FloatArray, prior: PriorTerm) -> float:
