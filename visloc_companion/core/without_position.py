@@ -70,14 +70,15 @@ class WithoutPosition:
     @property
     def looks(self) -> bool:
         """Whether frames are looked for about the receiver: there is no filter, and nothing speaks against GNSS."""
-        return self._tracker.belief is None and self.unplaced
+        return self.unplaced and self._tracker.belief is None
 
     @property
     def unplaced(self) -> bool:
         """Whether nothing but an unproven GNSS, against which nothing speaks, and at most the operator's word say where it is."""
+        if not (self.lacks and self._monitor.trusted):
+            return False  # without a look at the filter, which would be gone through for it
         belief = self._tracker.rests
-        placed = belief is not None and (belief.last_fix_ns is not None or self._aiding.followed)
-        return not placed and self.lacks and self._monitor.trusted
+        return belief is None or (belief.last_fix_ns is None and not self._aiding.followed)
 
     @property
     def found_in_flight(self) -> bool:
