@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import hashlib
 import tomllib
 from pathlib import Path
@@ -13,7 +12,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from visloc_companion.config_camera import CameraConfig
 from visloc_companion.config_section import NonNegative, Positive, Section, Share
-from visloc_companion.errors import ConfigError
+from visloc_companion.errors import ConfigError, did_you_mean
 
 Method = Literal["deep", "gradient", "cross-view", "iclk", "ncc", "mi", "keypoint"]
 DEFAULT_METHOD: Method = "deep"
@@ -321,9 +320,8 @@ def _explain(error: Any) -> str:
     name = ".".join(location)
     if error["type"] != "extra_forbidden":
         return f"{name}: {error['msg']} (got {error.get('input')!r})"
-    near = difflib.get_close_matches(location[-1], _valid_names(location[:-1]), n=1, cutoff=0.5)
-    hint = f", did you mean {near[0]!r}?" if near else f", valid are {', '.join(_valid_names(location[:-1]))}"
-    return f"{name}: unknown key{hint}"
+    valid = _valid_names(location[:-1])
+    return f"{name}: unknown key, {did_you_mean(location[-1], valid) or 'valid are ' + ', '.join(valid)}"
 
 
 def _valid_names(section: list[str]) -> list[str]:

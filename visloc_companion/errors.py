@@ -14,9 +14,10 @@
     └── CasesError
 """
 
+import difflib
 import errno
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -41,6 +42,12 @@ class VislocError(Exception):
 
 def _rebuild(kind: type[VislocError], what: str, where: str, remedy: str) -> VislocError:
     return kind(what, where=where, remedy=remedy)
+
+
+def did_you_mean(name: str, valid: Iterable[str]) -> str:
+    """The nearest of the valid names, as a question for a message; empty where none is near."""
+    near = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.5)
+    return f"did you mean {near[0]!r}?" if near else ""
 
 
 def fault_text(fault: BaseException) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -18,7 +17,7 @@ import numpy as np
 
 from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.config import DEFAULT_METHOD
-from visloc_companion.errors import ConfigError, WorkerError
+from visloc_companion.errors import ConfigError, WorkerError, did_you_mean
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
 from visloc_companion.evaluate.sim_journal import JournalChoice
 from visloc_companion.localise.registry import METHODS
@@ -175,8 +174,8 @@ def _wrong_with(item: object) -> tuple[str, str]:
         return f"it is {item!r:.40}, no object", 'write {"scenario": NAME} for each flight'
     unknown = sorted(set(item) - set(OF_A_FLIGHT))
     if unknown:
-        near = {name: difflib.get_close_matches(name, OF_A_FLIGHT, n=1, cutoff=0.5) for name in unknown}
-        told = ", ".join(f"{name!r}" + (f" (did you mean {near[name][0]!r}?)" if near[name] else "") for name in unknown)
+        near = {name: did_you_mean(name, OF_A_FLIGHT) for name in unknown}
+        told = ", ".join(f"{name!r}" + (f" ({near[name]})" if near[name] else "") for name in unknown)
         return f"unknown {told}", "correct the key, or leave it out"
     return ("", "") if "scenario" in item else ("it names none", "add scenario, one of visloc sim --list")
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import operator
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from visloc_companion.errors import ConfigError
+from visloc_companion.errors import ConfigError, did_you_mean
 
 _OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
@@ -95,9 +94,8 @@ def _path(name: str) -> str:
     known = {**_SHORT, **{plain: plain for plain in _PLAIN}, **{path: path for path in _SHORT.values()}}
     if name in known:
         return known[name]
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    raise ConfigError(f"{name!r} is no figure", where=_WHERE, remedy=f"{hint}valid are {', '.join([*_PLAIN, *_SHORT])}")
+    remedy = f"{did_you_mean(name, known)} valid are {', '.join([*_PLAIN, *_SHORT])}".lstrip()
+    raise ConfigError(f"{name!r} is no figure", where=_WHERE, remedy=remedy)
 
 
 def check_gate(text: str, summary: dict[str, Any]) -> list[Check]:

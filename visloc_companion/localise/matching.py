@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -32,7 +32,7 @@ from visloc_companion.localise.hypotheses import (
 from visloc_companion.localise.map_suns import MapSuns
 from visloc_companion.localise.modes import PlaceMode, place_modes
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
-from visloc_companion.localise.plan import SearchPlan, view_box
+from visloc_companion.localise.plan import UNTIMED, SearchPlan, view_box
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt, to_view
 from visloc_companion.localise.ranking import RankWeights, Standing, lead
 from visloc_companion.localise.relit_tiles import Lit, RelitTiles
@@ -102,6 +102,18 @@ class Task:
         if key_m not in self.levels:
             self.levels[key_m] = reduced(self.full, gsd_m / self.plan.frame_gsd_m)
         return self.levels[key_m]
+
+    @property
+    def map_side(self) -> AbstractContextManager[object]:
+        """What the map takes to be read under: what a map under the frame's sun takes counts as the frame's."""
+        return self.watch if self.lit is None else UNTIMED
+
+    def window(self, pose: CameraPose, gsd_m: float, features: Features, margin_px: int) -> MapGrid:
+        """The features of the map that a pose sees, and of a margin; under the frame's sun where that is looked at. Raises
+        OutsideMap."""
+        low, high = view_box(self.plan, pose)
+        margin_m = margin_px * gsd_m
+        return map_grid(self.ref, self.plan.frame, low - margin_m, high + margin_m, gsd_m, features, self.lit)
 
     def view_ne_m(self, pose: CameraPose) -> FloatArray:
         """(2,) the ground that the camera's axis meets: what tells places apart where the tilt is not known."""
@@ -237,11 +249,9 @@ def sharpened(task: Task, match: Match) -> Match:
 
 def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) -> Match | None:
     """Lucas-Kanade, blocks and pose at one resolution; None where frame and map do not overlap."""
-    with task.watch if task.lit is None else nullcontext():
-        low, high = view_box(task.plan, start)
-        margin = MARGIN_PX * gsd_m
-        features = task.refinement(gsd_m)
-        grid = map_grid(task.ref, task.plan.frame, low - margin, high + margin, gsd_m, features, task.lit)
+    features = task.refinement(gsd_m)
+    with task.map_side:
+        grid = task.window(start, gsd_m, features, MARGIN_PX)
         stride = _stride(task.plan, gsd_m)
         thin, descent = thinned(grid, stride), align.prepare(grid, stride)
     frame, level = task.frame(grid, features), task.level(grid.gsd_m)
@@ -260,11 +270,9 @@ def refined(task: Task, start: CameraPose, coarse_score: float, gsd_m: float) ->
 def searched_window(task: Task, searched: MapGrid, pose: CameraPose, margin_px: int) -> MapGrid:
     """What a pose sees of the window that was `searched`, and a margin; under the frame's sun where that is looked at. Raises
     OutsideMap."""
-    low, high = view_box(task.plan, pose)
     if task.lit is None:
-        return part_of_box(searched, low, high, margin_px)
-    margin_m = margin_px * searched.gsd_m
-    return map_grid(task.ref, task.plan.frame, low - margin_m, high + margin_m, searched.gsd_m, task.features, task.lit)
+        return part_of_box(searched, *view_box(task.plan, pose), margin_px)
+    return task.window(pose, searched.gsd_m, task.features, margin_px)
 
 
 def distinct(candidates: Sequence[Descended], radius_m: float, view_ne_m: Callable[[CameraPose], FloatArray]) -> list[Descended]:

@@ -11,7 +11,7 @@ their share. Slope and tilt differ in the second order only, and no real ground 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -147,7 +147,7 @@ def solve_pose(
     """
     pose, weights, scatter = start, np.ones(len(pix)), np.ones(len(pix))
     counts = np.ones(len(pix)) if worth is None else worth
-    channel = np.zeros(len(pix), dtype=np.int64) if channel is None else channel
+    channels = [np.ones(len(pix), dtype=np.bool_)] if channel is None else [channel == one for one in np.unique(channel)]
     if len(pix) < 3:
         return None
     normal, by_focal, lower_m = np.eye(6), np.zeros(6), np.zeros(len(pix))
@@ -161,7 +161,7 @@ def solve_pose(
         if whitening is not None:
             residual, J = np.einsum("nij,nj->ni", whitening, residual), whitening @ J
         whitened = np.hypot(*(residual - J[:, :, 2] * lower_m[:, None]).T) / sigma_px
-        scatter, factor = _scatters(whitened, channel, widening)
+        scatter, factor = _scatters(whitened, channels, widening)
         weights = 1 / (1 + (whitened / (cauchy * scatter)) ** 2)
         w = (weights * counts / (sigma_px * scatter * factor) ** 2)[:, None]
         information, pull = prior.at(pose)
@@ -182,12 +182,14 @@ def solve_pose(
 
 
 def _scatters(
-    whitened: FloatArray, channel: NDArray[np.int64], widening: Callable[[float], float] | None
+    whitened: FloatArray, channels: Sequence[NDArray[np.bool_]], widening: Callable[[float], float] | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Robust scatter (N,) of the residuals (N,) of each point's channel, in their sigmas, and the factor of `widening` at it."""
+    """Robust scatter (N,) of the residuals (N,) of each point's channel, in their sigmas, and the factor of `widening` at it.
+
+    `channels`: which points (N,) belong to each.
+    """
     scatter, factor = np.ones(len(whitened)), np.ones(len(whitened))
-    for one in np.unique(channel):
-        own = channel == one
+    for own in channels:
         n = int(own.sum())
         of_own = max(SIGMA_FLOOR, 1.1774**-1 * float(np.median(whitened[own])) * math.sqrt(n / max(1.0, n - 2.0)))
         scatter[own] = of_own

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,16 +31,15 @@ from visloc_companion.localise.blocks import (
     worth,
 )
 from visloc_companion.localise.claims import widening
+from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame_features import Seen
 from visloc_companion.localise.ground import sigma_slope_rad
 from visloc_companion.localise.matching import MARGIN_PX, Match, Task, searched_window
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_points
-from visloc_companion.localise.plan import view_box
 from visloc_companion.localise.pose import PoseEstimate, freed_of_slope, solve_pose, widened
 from visloc_companion.localise.surface_error import height_covariance
 from visloc_companion.localise.tilt_starts import tilt_is_known
-from visloc_companion.localise.window import map_grid
 from visloc_companion.types import FloatArray
 
 ALIKE = 0.65
@@ -105,17 +103,17 @@ def solved_together(task: Task, match: Match, searched: MapGrid) -> PoseEstimate
 
 
 def _by_gradients(task: Task, pose: CameraPose, gsd_m: float) -> Blocks:
-    low, high = view_box(task.plan, pose)
-    margin_m = MARGIN_PX * gsd_m
-    with task.watch if task.lit is None else nullcontext():
-        grid = map_grid(task.ref, task.plan.frame, low - margin_m, high + margin_m, gsd_m, GRADIENT, task.lit)
-    values, mask = task.frame(grid, GRADIENT).on_surface(pose, grid)
-    return _blocks(grid, (values, mask * grid.weight))
+    with task.map_side:
+        grid = task.window(pose, gsd_m, GRADIENT, MARGIN_PX)
+    return _matched(task, pose, grid, GRADIENT)
 
 
 def _by_searched(task: Task, pose: CameraPose, searched: MapGrid) -> Blocks:
-    grid = searched_window(task, searched, pose, MARGIN_PX)
-    values, mask = task.frame(grid, task.features).on_surface(pose, grid)
+    return _matched(task, pose, searched_window(task, searched, pose, MARGIN_PX), task.features)
+
+
+def _matched(task: Task, pose: CameraPose, grid: MapGrid, features: Features) -> Blocks:
+    values, mask = task.frame(grid, features).on_surface(pose, grid)
     return _blocks(grid, (values, mask * grid.weight))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import tomllib
 from collections.abc import Sequence
@@ -12,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from visloc_companion.config_section import NonNegative, Positive, Section
-from visloc_companion.errors import ConfigError
+from visloc_companion.errors import ConfigError, did_you_mean
 from visloc_companion.train.config_sources import SOURCE_KINDS, SourceConfig
 
 Count = Annotated[int, Field(ge=0)]
@@ -181,8 +180,7 @@ def _explain(error: Any) -> str:
     if error["type"] != "extra_forbidden":
         return f"{name}: {error['msg']} (got {error.get('input')!r})"
     valid = _keys_at(location[:-1])
-    near = difflib.get_close_matches(location[-1], valid, n=1, cutoff=0.5)
-    return f"{name}: unknown key, " + (f"did you mean {near[0]!r}?" if near else f"valid are {', '.join(valid)}")
+    return f"{name}: unknown key, {did_you_mean(location[-1], valid) or 'valid are ' + ', '.join(valid)}"
 
 
 def _keys_at(location: list[str]) -> list[str]:
