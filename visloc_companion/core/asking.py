@@ -269,7 +269,8 @@ class Asking:
         )
         prior = self._pose_prior(self._of_camera(asked, q_ned_frd), origin, q_ned_carrier, self._camera.q_carrier_cambody)
         share = where.share_of_sigmas
-        prior = replace(prior, sigma_h_m=share * prior.sigma_h_m, sigma_yaw_rad=share * prior.sigma_yaw_rad)
+        sigmas = share * prior.sigma_h_m, share * prior.sigma_yaw_rad
+        prior = replace(prior, sigma_h_m=sigmas[0], sigma_yaw_rad=sigmas[1], within_m=where.within_m)
         request = replace(self._queue.taken(frame, prior, now_ns, aside=True), zoom=self._camera.zoom.factor)
         return [self._with_beam(self._read_out(request, velocity.v_ned_mps), q_ned_frd, velocity.v_ned_mps)]
 

@@ -19,7 +19,7 @@ from visloc_companion.core.hypotheses import Hypothesis
 from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.listed_places import LIKELY, THOROUGH, places_of
 from visloc_companion.core.tile_size import TileSize
-from visloc_companion.core.tiles import FARTHEST_M, Tile, Tiles
+from visloc_companion.core.tiles import FARTHEST_M, Tile, Tiles, ends_of
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.core.vouching import velocity_sigma_mps
 from visloc_companion.errors import Reason
@@ -63,11 +63,12 @@ class Reach:
 @dataclass(frozen=True, slots=True)
 class Where:
     """What is asked about a frame: a place, metres north and east of the origin, and its covariance; the share of heading's and
-    height's usual sigmas that is allowed for."""
+    height's usual sigmas that is allowed for; how far north or south, east or west of the place is searched at most, metres."""
 
     place_ne_m: Vec2
     cov_ne_m2: Cov2
     share_of_sigmas: float = 1.0
+    within_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +167,7 @@ class PlaceSearch:
             tile, tiles = self._next_tile(t_ns, height_m, about)
             variance = (tiles.radius_m / 3) ** 2
             share = 1.0 if self._thorough else QUICK_SHARE
-            where = Where(tiles.place_ne_m(tile), ((variance, 0.0), (0.0, variance)), share)
+            where = Where(tiles.place_ne_m(tile), ((variance, 0.0), (0.0, variance)), share, tiles.half_m)
         else:
             least = (LISTED_HEIGHTS * height_m) ** 2
             (nn, ne), (_, ee) = due.cov_ne_m2
@@ -228,7 +229,7 @@ class PlaceSearch:
         if self._swept is not None and isinstance(answer, NoFix) and answer.reason in SAYS_NOTHING:
             self._swept[1].untold(tile)
         elif self._swept is not None:
-            self._swept[1].answered(tile, not outside)
+            self._swept[1].answered(tile, not outside, ends_of(answer))
             self._before = self._before if outside else None  # tiles outside of the map cost nothing
         sigma_m, spacing = LISTED_HEIGHTS * asked.height_m, SPACING_HEIGHTS * asked.height_m
         least = LIKELY if asked.where.share_of_sigmas < 1 else THOROUGH

@@ -1,31 +1,37 @@
 """The order in which the map is searched for a vehicle that may be anywhere: tiles about where it may rather be, outwards.
 
-A search region is a circle, a tile the hexagon in it: so fewest circles cover a plane (Kershner 1939). How far the map reaches
-nobody tells the core; a ring of tiles that lie all outside the map, after one that did not, is its end. Later sweeps leave out
-what was found outside.
+A tile is the square in the circle of three sigmas of its prior, and no more than that is searched: a search costs what the square
+about its region does, and squares meet without overlap (over 4 x 4 km hexagons in circles, of which fewer cover a plane, cost 1.5
+times as much). How far the map reaches nobody tells the core beforehand. An answer may tell at which sides of a tile it goes on;
+a ring of tiles that lie all outside of it, after one that did not, is its end. Later sweeps leave out what was found outside.
 """
 
 from __future__ import annotations
 
 import math
 
-from visloc_companion.types import Vec2
+from visloc_companion.types import Fix, NoFix, Vec2
 
 FARTHEST_M = 20_000.0
 """No tile's middle is further off."""
 IN_ONE_PIECE = 2
-"""The first sweeps, so many, ask about no tile that lies behind others which are outside the map: maps are seldom in pieces, and
-each question takes a frame."""
+"""The first sweeps, so many, ask about no tile that lies behind others which are outside the map, or at sides of theirs where
+the map ends: maps are seldom in pieces, and each question takes a frame."""
 Tile = tuple[int, int]
+Side = tuple[int, int]
+"""Of a tile: by how many rows and columns the one at that side lies further on."""
+NAMES: dict[str, Side] = {"map_north": (1, 0), "map_south": (-1, 0), "map_east": (0, 1), "map_west": (0, -1)}
+"""Evidence of an answer: the share of that side of the searched square which lies on the map."""
 
 
 class Tiles:
-    """Tiles of circles of `radius_m` about a centre (metres north, east), one after the other; `reach_m` bounds their middles."""
+    """Tiles in circles of `radius_m` about a centre (metres north, east), one after the other; `reach_m` bounds their middles."""
 
     def __init__(self, centre_ne_m: Vec2, radius_m: float, reach_m: float = FARTHEST_M) -> None:
         self._centre_ne_m, self.radius_m, self._reach_m = centre_ne_m, radius_m, min(reach_m, FARTHEST_M)
         self._outside: set[Tile] = set()
         self._left_out: set[Tile] = set()
+        self._ends: dict[Tile, frozenset[Side]] = {}
         self._n_swept = 0
         self._begin()
 
@@ -36,14 +42,18 @@ class Tiles:
 
     @property
     def row_m(self) -> float:
-        """Distance between rows of tiles."""
-        return 1.5 * self.radius_m
+        """Distance between rows of tiles, and between columns."""
+        return 2 * self.half_m
+
+    @property
+    def half_m(self) -> float:
+        """How far a tile reaches to either side of its middle."""
+        return self.radius_m / math.sqrt(2.0)
 
     def place_ne_m(self, tile: Tile) -> Vec2:
-        """A tile's middle: tile (i, j) lies in row i, every other row half a tile further east."""
+        """A tile's middle: tile (i, j) lies in row i, column j."""
         row, column = tile
-        east = math.sqrt(3.0) * self.radius_m * (column + 0.5 * (row % 2))
-        return self._centre_ne_m[0] + row * self.row_m, self._centre_ne_m[1] + east
+        return self._centre_ne_m[0] + row * self.row_m, self._centre_ne_m[1] + column * self.row_m
 
     def next(self) -> Tile | None:
         """The next tile of the sweep; None at its end, after which the next sweep begins."""
@@ -64,10 +74,12 @@ class Tiles:
                 return None
             self._todo = sorted(_ring(self._ring), key=lambda tile: (self._distance_m(tile), tile))
 
-    def answered(self, tile: Tile, on_map: bool) -> None:
-        """Whether a tile that was asked about lies on the map."""
+    def answered(self, tile: Tile, on_map: bool, ends: frozenset[Side] | None = None) -> None:
+        """Whether a tile that was asked about lies on the map, and at which sides of it there is none, where that is known."""
         if on_map:
             self._inside_ring = True
+            if ends is not None:
+                self._ends[tile] = ends
         else:
             self._outside.add(tile)
 
@@ -83,12 +95,28 @@ class Tiles:
         """Whether all that leads to a tile from the ring before lies outside, in a sweep that asks about no such tile."""
         if self._n_swept >= IN_ONE_PIECE or not self._met_map:
             return False
-        inner = _ring(self._ring - 1)
-        before = [t for t in inner if max(abs(t[0] - tile[0]), abs(t[1] - tile[1])) <= 1]
-        return all(t in self._outside or t in self._left_out for t in before)
+        before = [t for t in _ring(self._ring - 1) if max(abs(t[0] - tile[0]), abs(t[1] - tile[1])) <= 1]
+        beside = [t for t in ((tile[0] - row, tile[1] - column) for row, column in NAMES.values()) if t in self._ends]
+        return not any(self._leads(t, tile) for t in (*before, *beside))
+
+    def _leads(self, known: Tile, tile: Tile) -> bool:
+        """Whether the map may go on from a tile that was asked about to one that touches it."""
+        if known in self._outside or known in self._left_out:
+            return False
+        north, east = tile[0] - known[0], tile[1] - known[1]
+        ends = self._ends.get(known, frozenset())
+        return (north, 0) not in ends and (0, east) not in ends
 
     def _distance_m(self, tile: Tile) -> float:
         return math.dist(self.place_ne_m(tile), self._centre_ne_m)
+
+
+def ends_of(answer: Fix | NoFix) -> frozenset[Side] | None:
+    """At which sides of the square that was searched there is no map; None where the answer does not tell."""
+    told = dict(answer.evidence)
+    if any(name not in told for name in NAMES):
+        return None
+    return frozenset(side for name, side in NAMES.items() if told[name] == 0.0)
 
 
 def _ring(n: int) -> list[Tile]:

@@ -13,6 +13,7 @@ from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import full_level
 from visloc_companion.localise.looks import Look, Why, convincing, looked, surer
+from visloc_companion.localise.map_ends import map_at_sides
 from visloc_companion.localise.map_suns import MapSuns
 from visloc_companion.localise.matching import Found, Task, find_candidates, sharpened
 from visloc_companion.localise.modes import mode_numbers
@@ -94,7 +95,7 @@ class DenseLocaliser:
             look = self._look(task, found)
             if isinstance(look, Look):
                 return self._answer(request, look, found)
-            return no_fix(request, self.method, watch, _and_unsearched(look, found), {"unsearched": found.unsearched})
+            return no_fix(request, self.method, watch, _and_unsearched(look, found), _of_search(found, plan))
         except OutsideMap as outside:
             return no_fix(request, self.method, watch, (Reason.OUTSIDE_MAP, outside.what))
 
@@ -141,7 +142,7 @@ class DenseLocaliser:
             "p_wrong": look.p,
             "share": look.share,
             "votes": look.votes,
-            "unsearched": found.unsearched,
+            **_of_search(found, plan),
             "looks": 1.0 if task.fine_features is GRADIENT else 2.0,
             "lit": 0.0 if task.lit is None else 1.0,
             **mode_numbers(found.modes, plan.pose.p_ned_m),
@@ -158,6 +159,11 @@ class DenseLocaliser:
         answer = fix(request, self.method, task.watch, plan, task.ref, pose, covariance, look.p, sigma_m, numbers)
         north, east = estimate.per_focal[:2].tolist()
         return replace(answer, tilt=seen_tilt(estimate, request.prior), per_focal_ne_m=(north, east), sun=task.sun_seen)
+
+
+def _of_search(found: Found, plan: SearchPlan) -> dict[str, float]:
+    """What is told of a search whatever it found."""
+    return {"unsearched": found.unsearched, **map_at_sides(found.grid, plan)}
 
 
 def _and_unsearched(why: Why, found: Found) -> Why:

@@ -71,6 +71,7 @@ def narrowed(prior: PosePrior, guess: Guess, known: Spread) -> PosePrior:
         sigma_h_m=sigma_h_m,
         sigma_yaw_rad=min(prior.sigma_yaw_rad, known.yaw_rad),
         sigma_tilt_rad=min(prior.sigma_tilt_rad, known.tilt_rad),
+        within_m=None,
     )
 
 

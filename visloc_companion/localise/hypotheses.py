@@ -91,7 +91,7 @@ def peaks_in_region(volume: ScoreVolume, grid: MapGrid, plan: SearchPlan, count:
 
 
 def region(volume: ScoreVolume, grid: MapGrid, plan: SearchPlan) -> NDArray[np.bool_]:
-    """Mask of a volume's positions within the prior's 3-sigma ellipse."""
+    """Mask of a volume's positions within the prior's 3-sigma ellipse, and no further than the prior says."""
     height, width = volume.score.shape
     u, v = np.arange(width) + volume.origin_px[0], np.arange(height)[:, None] + volume.origin_px[1]
     A = grid.A_ne_pix
@@ -99,6 +99,7 @@ def region(volume: ScoreVolume, grid: MapGrid, plan: SearchPlan) -> NDArray[np.b
     e = A[1, 0] * u + A[1, 1] * v + A[1, 2] - plan.pose.p_ned_m[1]
     W = np.linalg.inv(plan.cov_ne_m2)
     inside = W[0, 0] * n * n + 2 * W[0, 1] * n * e + W[1, 1] * e * e <= SIGMAS**2
+    inside &= np.maximum(np.abs(n), np.abs(e)) <= plan.within_m
     return np.asarray(inside & (n * n + e * e <= plan.radius_cap_m**2), dtype=np.bool_)
 
 
@@ -135,7 +136,7 @@ def footprint_heights(grid: MapGrid, plan: SearchPlan) -> Float32Array:
 
 
 def _region_half_m(plan: SearchPlan) -> FloatArray:
-    return np.minimum(SIGMAS * np.sqrt(np.diag(plan.cov_ne_m2)), plan.radius_cap_m)
+    return np.minimum(SIGMAS * np.sqrt(np.diag(plan.cov_ne_m2)), min(plan.radius_cap_m, plan.within_m))
 
 
 def _turn(heading_rad: float) -> FloatArray:

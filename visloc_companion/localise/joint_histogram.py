@@ -152,7 +152,7 @@ def _nadir_box(grid: MapGrid, plan: SearchPlan, extent: Box) -> Box:
     """Nadir pixels within three sigmas at which the middle of the template lies on the window."""
     inverse = np.linalg.inv(grid.A_ne_pix[:, :2])
     centre = inverse @ (plan.pose.p_ned_m[:2] - grid.A_ne_pix[:, 2])
-    half_m = np.minimum(SIGMAS * np.sqrt(np.diag(plan.cov_ne_m2)), plan.radius_cap_m)
+    half_m = np.minimum(SIGMAS * np.sqrt(np.diag(plan.cov_ne_m2)), min(plan.radius_cap_m, plan.within_m))
     reach = np.abs(inverse) @ half_m
     first, last = [], []
     for k, length in enumerate(grid.weight.shape[::-1]):

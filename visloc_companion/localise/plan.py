@@ -78,7 +78,8 @@ class SearchPlan:
     `looked_at_ne_m` (2,) the middle of the view there and `area_m2` the footprint's area if all of it were seen as in the middle.
 
     `headings_rad` are turns about the vertical added to the prior attitude, `scales` factors of `agl_m`; `cov_ne_m2` (2, 2) is
-    the prior's covariance widened by what the unknown tilt moves the picture.
+    the prior's covariance widened by what the unknown tilt moves the picture, and `within_m` how far north, south, east
+    and west of it is searched at most (inf: as far as that covariance reaches).
     """
 
     frame: LocalFrame
@@ -94,6 +95,7 @@ class SearchPlan:
     finest_gsd_m: float
     cov_ne_m2: FloatArray
     radius_cap_m: float
+    within_m: float
     headings_rad: FloatArray
     scales: FloatArray
 
@@ -160,9 +162,15 @@ def make_plan(
         finest_gsd_m=max(finest, math.sqrt(area) / FINEST_PIXELS),
         cov_ne_m2=np.array(prior.cov_ne_m2) + np.eye(2) * (tilt_m**2 + (coarse / 2) ** 2),
         radius_cap_m=settings.max_search_radius_m,
+        within_m=within_of(prior),
         headings_rad=_grid(min(math.pi, SIGMAS * prior.sigma_yaw_rad), step),
         scales=np.exp(_grid(math.log1p(min(1.5, (SIGMAS * prior.sigma_h_m + spread) / agl)), step)),
     )
+
+
+def within_of(prior: PosePrior) -> float:
+    """How far north, south, east or west of its place a prior lets the camera be at most, metres."""
+    return math.inf if prior.within_m is None else prior.within_m
 
 
 def grid_step(misfit_px: float, side_px: float) -> float:
@@ -201,7 +209,7 @@ def ground_near(
     within the region.
     """
     sigma = math.sqrt(max(np.linalg.eigvalsh(np.array(prior.cov_ne_m2))[-1], 0.0))
-    reach = min(settings.max_search_radius_m, SIGMAS * sigma)
+    reach = min(settings.max_search_radius_m, SIGMAS * sigma, within_of(prior))
     agl, ground, spread, searched_m2 = 100.0, 0.0, 0.0, 0.0
     for turn in range(3):
         side = _side_m(outline, agl)

@@ -34,7 +34,7 @@ class PosePrior:
 
     Of the place's height, `height_offset_m` is what was added to the autopilot's. `tilt` is for whoever localises a single frame:
     `q_ned_frd` is without it, for it changes from frame to frame and is no turn of the camera. `sun`: where earlier
-    pictures show it.
+    pictures show it. `within_m`: the camera is no further than this north or south, nor east or west, of the place.
     """
 
     place: GeoPoint
@@ -46,6 +46,7 @@ class PosePrior:
     height_offset_m: float = 0.0
     tilt: TiltPrior | None = None
     sun: Sun | None = None
+    within_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

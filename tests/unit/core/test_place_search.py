@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -31,6 +31,8 @@ class Worker:
     claim: float = 0.001
     ridge_m: tuple[float, float] | None = None
     above_ground_m: float | None = None
+    ends_m: float | None = None
+    """How far from the origin its answers tell that the map ends; None: they do not tell."""
     asked: list[Where] = field(default_factory=list)
 
     def truth(self, t_s: float) -> Vec2:
@@ -51,7 +53,12 @@ class Worker:
             level, above_m = (1.0, 0.0, 0.0, 0.0), self.above_ground_m
             return Fix(0, round(t_s * S), *told, place, level, COV, 1.0, 0.1, self.claim, 1.0, above_ground_m=above_m)
         listed = [*seen, (north + 55.0, east - 80.0)]  # and one that is nothing
-        return left_open(request_id, t_s, [(place, 1 / len(listed)) for place in listed])
+        answer = left_open(request_id, t_s, [(place, 1 / len(listed)) for place in listed])
+        if self.ends_m is None or where.within_m is None:
+            return answer
+        sides_m = {"map_north": north, "map_south": -north, "map_east": east, "map_west": -east}
+        told_m = self.ends_m - where.within_m
+        return replace(answer, evidence=tuple((side, float(off_m <= told_m)) for side, off_m in sides_m.items()))
 
 
 def left_open(request_id: int, t_s: float, places: Sequence[tuple[Vec2, float]]) -> NoFix:
@@ -324,3 +331,28 @@ def test_looks_at_one_place_are_one_agreement_below_the_origin_too(height_m: flo
         search.next(k, t_ns, height_m, 0.5, Reach())
         answer = Fix(t_ns, t_ns, k, k, "test", place, (1.0, 0.0, 0.0, 0.0), COV, 1.0, 0.1, 0.001, 1.0)
         assert search.answered(answer, ORIGIN, t_ns) is None
+
+
+def test_no_more_of_the_map_is_searched_than_the_square_of_a_tile() -> None:
+    """Each part of it once a sweep: a search costs what the square about its region does."""
+    worker = Worker(start=(9000.0, 0.0))
+    searched(worker, 14.0)
+    tiles = [w for w in worker.asked if w.within_m is not None]
+    sides_m = [2.0 * (w.within_m or 0.0) for w in tiles]
+    assert len(tiles) > 9
+    assert len({w.place_ne_m for w in tiles}) == len(tiles)
+    assert sides_m == pytest.approx([math.sqrt(2.0) * 960.0] * len(tiles))
+    for k, w in enumerate(tiles):
+        apart = [max(abs(a - b) for a, b in zip(w.place_ne_m, o.place_ne_m, strict=True)) for o in tiles[:k]]
+        assert not apart or min(apart) == pytest.approx(sides_m[0])
+    tests = [w for w in worker.asked if w.within_m is None]
+    assert tests
+    assert max(math.sqrt(w.cov_ne_m2[0][0]) for w in tests) < 100.0
+
+
+def test_tiles_where_the_map_is_told_to_end_are_not_asked_about() -> None:
+    worker = Worker(start=(9000.0, 0.0), ends_m=2000.0)
+    searched(worker, 40.0)
+    outside = [w for w in worker.asked[:40] if max(map(abs, w.place_ne_m)) > 2000.0 + (w.within_m or 0.0)]
+    assert not outside
+    assert len({w.place_ne_m for w in worker.asked[:40] if w.within_m is not None}) == 9

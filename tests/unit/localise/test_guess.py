@@ -52,3 +52,9 @@ def test_the_furthest_of_place_height_heading_and_tilt_counts(support, off, sigm
     assert prior_sigmas(at_prior, prior) == pytest.approx(0.0, abs=1e-6)
     assert prior_sigmas(replace(at_prior, **off), prior) == pytest.approx(sigmas, rel=0.03)
     assert math.hypot(*ned_from_geo(at_prior.place, HOME)[:2]) < 1e-6
+
+
+def test_about_a_guess_is_searched_whatever_square_the_first_search_was_of(support):
+    """The square is about the prior's place, and says nothing of what lies about the guess's."""
+    prior = replace(prior_of(support, 40.0, 100.0, 18.0), within_m=5.0)
+    assert narrowed(prior, GUESS, FROM_SEARCH).within_m is None
