@@ -11,6 +11,7 @@ import numpy as np
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_points
 from visloc_companion.localise.parabola import peak_offset
+from visloc_companion.localise.spectra import correlated_within, paired
 from visloc_companion.types import FloatArray
 
 REACH_PX = 6
@@ -21,6 +22,8 @@ CHANCE_SIDE_PX, TELLING_SIDE_PX = 14.0, 28.0
 """Peaks of blocks of the former side are chance as much as likeness, and few agree though the place is right; those of the latter
 tell good blocks from bad ones."""
 LEAST_PEAK = 0.02
+MOST_NORMALISED, LEAST_ENERGY = 4, 1e-6
+"""Channels that OpenCV normalises; share of a block's energy that is less than rounding leaves where there is none."""
 FEW_AGREE, LEAST_SHARE = 0.5, 0.2
 """Where fewer than this share of the blocks agree, those that do are in part there by chance, too, and all of them tell less: as
 the square of the share, but no less than for that one. Under a tilt that is not known they disagree where the place is right."""
@@ -78,15 +81,23 @@ def correlated(
     rows, cols = np.flatnonzero(weight.any(1)), np.flatnonzero(weight.any(0))
     if not len(rows) or rows[-1] - rows[0] < side_px or cols[-1] - cols[0] < side_px:
         return
-    template = cv2.copyMakeBorder(grid.features * grid.weight[..., None], *(reach_px,) * 4, cv2.BORDER_CONSTANT, value=0)
-    masked, reached_px = frame * weight[..., None], side_px + 2 * reach_px
+    bordered = cv2.copyMakeBorder(grid.features * grid.weight[..., None], *(reach_px,) * 4, cv2.BORDER_CONSTANT, value=0)
+    template, masked = np.asarray(bordered, dtype=np.float32), frame * weight[..., None]
+    reached_px, places_px, cover = side_px + 2 * reach_px, 2 * reach_px + 1, _sums(weight, (side_px, side_px))
+    many = frame.shape[2] > MOST_NORMALISED
+    if many:  # what blocks and their windows share is worked out once
+        fields, of_frame = paired(template), paired(masked)
+        under, own = (_sums(_energy(values), (side_px, side_px)) for values in (template, masked))
     for top in _starts(rows[0], rows[-1] + 1, side_px):
         for left in _starts(cols[0], cols[-1] + 1, side_px):
-            if weight[top : top + side_px, left : left + side_px].mean() < MIN_COVER:
+            if cover[top, left] < MIN_COVER * side_px**2:
                 continue
-            block = np.ascontiguousarray(masked[top : top + side_px, left : left + side_px])
-            window = np.asarray(template[top : top + reached_px, left : left + reached_px], dtype=np.float32)
-            yield left, top, normalised_correlation(window, block)
+            block, window = _square(top, left, side_px), _square(top, left, reached_px)
+            if many:
+                product = correlated_within(fields[:, *window], of_frame[:, *block]).real
+                yield left, top, _normalised(product, under[_square(top, left, places_px)], own[top, left])
+            else:
+                yield left, top, normalised_correlation(template[window], masked[block])
 
 
 def worth(matches: BlockMatches, tilt_known: bool = True) -> FloatArray:
@@ -117,19 +128,35 @@ def share_returning(matches: BlockMatches, grid: MapGrid, frame: Float32Array, w
 def normalised_correlation(window: Float32Array, block: Float32Array) -> Float32Array:
     """(H - h + 1, W - w + 1) normalised correlation of (h, w, C) features at all offsets in (H, W, C).
 
-    OpenCV normalises no more than four channels: beyond, numerators and energies are added up by fours.
+    OpenCV normalises no more than four channels, and correlates each by a transform of its own: beyond, they go two by two.
     """
-    parts = [
-        (np.ascontiguousarray(window[..., k : k + 4]), np.ascontiguousarray(block[..., k : k + 4]))
-        for k in range(0, block.shape[2], 4)
-    ]
-    if len(parts) == 1:
-        return np.asarray(cv2.matchTemplate(*parts[0], cv2.TM_CCORR_NORMED), dtype=np.float32)
-    total = np.sum([cv2.matchTemplate(w, b, cv2.TM_CCORR) for w, b in parts], axis=0, dtype=np.float32)
-    energy = np.einsum("ijk,ijk->ij", window, window, dtype=np.float32)
-    under = cv2.matchTemplate(energy, np.ones(block.shape[:2], np.float32), cv2.TM_CCORR)
-    own = float(np.sum(block * block))
-    return np.asarray(total / np.sqrt(np.maximum(under * own, 1e-12)), dtype=np.float32)
+    if block.shape[2] <= MOST_NORMALISED:
+        return np.asarray(cv2.matchTemplate(window, block, cv2.TM_CCORR_NORMED), dtype=np.float32)
+    product = correlated_within(paired(window), paired(block)).real
+    height, width = product.shape
+    return _normalised(product, _sums(_energy(window), block.shape[:2])[:height, :width], float(np.square(block).sum()))
+
+
+def _normalised(product: Float32Array, under: FloatArray, own: float) -> Float32Array:
+    """A block's correlation (rows, cols), from the sum of the squares under the block at each place and that of its own."""
+    least = LEAST_ENERGY * own
+    return np.asarray(product / np.sqrt(np.maximum(np.maximum(under, least) * own, 1e-12)), dtype=np.float32)
+
+
+def _energy(values: Float32Array) -> Float32Array:
+    """(H, W) sum of the squares of all channels (H, W, C)."""
+    return np.asarray(np.einsum("ijk,ijk->ij", values, values), dtype=np.float32)
+
+
+def _sums(values: Float32Array, size_px: tuple[int, int]) -> FloatArray:
+    """(H, W) sums of (H, W) values over (rows, cols) from each pixel on, zero beyond the border."""
+    border = cv2.BORDER_CONSTANT
+    sums = cv2.boxFilter(values, cv2.CV_64F, size_px[::-1], anchor=(0, 0), normalize=False, borderType=border)
+    return np.asarray(sums, dtype=np.float64)
+
+
+def _square(top: int, left: int, side_px: int) -> tuple[slice, slice]:
+    return slice(top, top + side_px), slice(left, left + side_px)
 
 
 def correspondences(

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.parabola import peak_offset
-from visloc_companion.localise.spectra import BlockCorrelator, Box, Complex64Array, block_size
+from visloc_companion.localise.spectra import BlockCorrelator, Box, Complex64Array, block_size, paired
 
 MIN_OVERLAP = 0.5
 LEAST_DEVIATION = 1.0
@@ -134,7 +134,7 @@ def _spectra(
     rows = slice(top, max(top, v1 + extent[3] + 1))
     seen, valid = features[rows], weight[rows]
     fields, squares = _weighted(seen, valid)
-    sums = _paired(np.stack([valid, squares], -1))
+    sums = paired(np.stack([valid, squares], -1))
     if zero_mean:
         sums = np.concatenate([sums, fields[:1]])
         fields = fields + np.complex64(1j) * valid  # one channel leaves the imaginary part free for the weight itself
@@ -170,7 +170,7 @@ def _best(
 
 def _weighted(values: Float32Array, weight: Float32Array) -> tuple[Complex64Array, Float32Array]:
     """(K, H, W) complex64 channels two by two times a weight (H, W), and (H, W) the weighted sum of their squares."""
-    pairs = _paired(values)
+    pairs = paired(values)
     parts = pairs.view(np.float32)  # real and imaginary part side by side
     squares = np.einsum("kij,kij->ij", parts, parts)
     parts *= np.repeat(weight, 2, axis=1)
@@ -213,10 +213,3 @@ def _strips(box: Box, extent: Box, channels: int) -> Iterator[Box]:
     rows = max(reach, int(SPECTRA_BYTES / (SPECTRA_OVERHEAD * 4 * channels * (u1 - u0 + 1 + extent[2] - extent[0]))))
     for first in range(v0, v1 + 1, rows):
         yield u0, first, u1, min(v1, first + rows - 1)
-
-
-def _paired(values: Float32Array) -> Complex64Array:
-    """(K, H, W) complex64: the channels of (H, W, C), two by two."""
-    if values.shape[2] % 2:
-        values = np.concatenate([values, np.zeros_like(values[..., :1])], -1)
-    return np.ascontiguousarray(np.moveaxis(np.ascontiguousarray(values).view(np.complex64), -1, 0))

@@ -132,6 +132,24 @@ def _fast_sizes() -> NDArray[np.int64]:
     return np.array(sorted(size for size in found if size <= LARGEST_SIZE))
 
 
+def paired(values: Float32Array) -> Complex64Array:
+    """(K, H, W) complex64 field: the channels of (H, W, C), two by two."""
+    if values.shape[2] % 2:
+        values = np.concatenate([values, np.zeros_like(values[..., :1])], -1)
+    return np.ascontiguousarray(np.moveaxis(np.ascontiguousarray(values).view(np.complex64), -1, 0))
+
+
+def correlated_within(fields: Complex64Array, template: Complex64Array) -> Complex64Array:
+    """(H - h + 1, W - w + 1) correlation, summed over K, of a template (K, h, w) with fields (K, H, W) that hold all of it."""
+    (count, height, width), (_, rows, cols) = fields.shape, template.shape
+    both = np.zeros((2 * count, cv2.getOptimalDFTSize(height), cv2.getOptimalDFTSize(width)), np.complex64)
+    both[:count, :height, :width], both[count:, :rows, :cols] = fields, template
+    both = _forward(both)
+    product = np.conjugate(both[count:], out=both[count:])
+    product *= both[:count]
+    return _inverse(product.sum(axis=0))[: height - rows + 1, : width - cols + 1]
+
+
 def _window(fields: Complex64Array, top: int, left: int, size: tuple[int, int]) -> Complex64Array:
     """(K, *size) of the fields from a pixel on, zero outside them."""
     found = np.zeros((fields.shape[0], *size), np.complex64)

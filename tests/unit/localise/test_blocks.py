@@ -4,7 +4,14 @@ import cv2
 import numpy as np
 import pytest
 
-from visloc_companion.localise.blocks import BlockMatches, match_blocks, normalised_correlation, share_returning, worth
+from visloc_companion.localise.blocks import (
+    BlockMatches,
+    correlated,
+    match_blocks,
+    normalised_correlation,
+    share_returning,
+    worth,
+)
 from visloc_companion.localise.ortho_rectify import MapGrid
 
 
@@ -19,6 +26,43 @@ def test_many_channels_are_correlated_as_a_few_are():
     few = normalised_correlation(window[..., :4], block[..., :4])
     padded = [np.dstack([x[..., :4], np.zeros((*x.shape[:2], 2), np.float32)]) for x in (window, block)]
     np.testing.assert_allclose(normalised_correlation(*padded), few, atol=1e-4)
+
+
+@pytest.mark.parametrize("primitives", [True, False])
+@pytest.mark.parametrize("channels", [2, 3, 4, 5, 10])
+def test_each_block_is_correlated_with_the_map_about_it(channels, primitives):
+    rng = np.random.default_rng(channels)
+    features, frame = (rng.normal(size=(70, 80, channels)).astype(np.float32) for _ in range(2))
+    known, seen = ((rng.random((70, 80)) < 0.9).astype(np.float32) for _ in range(2))
+    seen[:, 60:] = 0
+    grid = MapGrid(features, known, np.zeros((70, 80), np.float32), np.eye(2, 3), 1.0)
+    before = cv2.ipp.useIPP()
+    cv2.ipp.setUseIPP(primitives)
+    try:
+        found = list(correlated(grid, frame, seen, 15, 12))
+    finally:
+        cv2.ipp.setUseIPP(before)
+    around, masked = np.pad(features * known[..., None], ((12, 12), (12, 12), (0, 0))), frame * seen[..., None]
+    assert {left for left, _, _ in found} == {0, 15, 30, 45}
+    assert len(found) == 4 * 5
+    for left, top, scores in found:
+        assert scores.shape == (25, 25)
+        block = masked[top : top + 15, left : left + 15].astype(np.float64)
+        for v, u in ((0, 0), (12, 12), (24, 3), tuple(rng.integers(0, 25, 2))):
+            part = around[top + v : top + v + 15, left + u : left + u + 15].astype(np.float64)
+            want = (part * block).sum() / max(np.sqrt((part**2).sum() * (block**2).sum()), 1e-6)
+            assert scores[v, u] == pytest.approx(want, abs=1e-5)
+
+
+@pytest.mark.parametrize("channels", [2, 10])
+def test_where_the_map_shows_nothing_a_block_is_like_nothing(channels):
+    rng = np.random.default_rng(1)
+    features, frame = (rng.normal(size=(60, 60, channels)).astype(np.float32) for _ in range(2))
+    features[:, 20:] = 0
+    grid = MapGrid(features, np.ones((60, 60), np.float32), np.zeros((60, 60), np.float32), np.eye(2, 3), 1.0)
+    beyond = [scores for left, _, scores in correlated(grid, frame, np.ones((60, 60), np.float32), 15, 6) if left >= 30]
+    assert beyond
+    assert max(float(np.abs(scores).max()) for scores in beyond) < 1e-3
 
 
 def test_blocks_come_back_where_frame_and_map_show_the_same_and_not_where_they_do_not():

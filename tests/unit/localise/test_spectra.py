@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from visloc_companion.localise.spectra import BlockCorrelator, block_size
+from visloc_companion.localise.spectra import BlockCorrelator, block_size, correlated_within, paired
 
 RNG = np.random.default_rng(5)
 
@@ -37,6 +37,18 @@ def test_the_correlation_is_the_direct_sum_beyond_the_borders_too(size):
             seen = around[:, 20 + v + 2 : 20 + v + 7, 20 + u - 3 : 20 + u + 4]
             assert summed[v + 3, u + 6] == pytest.approx(np.vdot(template, seen), abs=2e-4)
             assert each[1, v + 3, u + 6] == pytest.approx(np.vdot(real[0], seen[1]), abs=2e-4)
+
+
+@pytest.mark.usefixtures("_library")
+@pytest.mark.parametrize(("channels", "fields"), [(1, 1), (4, 2), (5, 3)])
+def test_within_the_fields_a_correlation_is_the_direct_sum_over_the_channels(channels, fields):
+    values, template = (RNG.normal(size=(*size, channels)).astype(np.float32) for size in ((23, 31), (7, 9)))
+    assert paired(values).shape == (fields, 23, 31)
+    found = correlated_within(paired(values), paired(template)).real
+    assert found.shape == (17, 23)
+    for v in range(17):
+        for u in range(23):
+            assert found[v, u] == pytest.approx(float((values[v : v + 7, u : u + 9] * template).sum()), abs=1e-3)
 
 
 def test_a_template_outside_the_extent_is_refused():
