@@ -246,7 +246,7 @@ def _products(north: Float32Array, east: Float32Array, sums: Float32Array) -> Fl
 
 def planes(image: Float32Array) -> Float32Array:
     """(C, P) pixels row by row, a plane for each channel, of an image (H, W, C)."""
-    return np.ascontiguousarray(cv2.split(np.ascontiguousarray(image)), dtype=np.float32).reshape(image.shape[2], -1)
+    return np.ascontiguousarray(np.moveaxis(image, -1, 0)).reshape(image.shape[2], -1)
 
 
 def _over_channels(a: Float32Array, b: Float32Array) -> Float32Array:

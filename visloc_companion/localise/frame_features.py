@@ -31,7 +31,7 @@ from visloc_companion.localise.ortho_rectify import (
     sampling_weight,
 )
 from visloc_companion.localise.plan import SearchPlan, turned
-from visloc_companion.localise.pose import heading_and_tilt
+from visloc_companion.localise.pose import heading_from
 from visloc_companion.types import FloatArray
 
 Seen = tuple[Float32Array, Float32Array]
@@ -133,7 +133,7 @@ class FramePass:
 
     def _turned(self, values: Float32Array, pose: CameraPose) -> Float32Array:
         """Oriented channels turned from the pass to the pose, in their place."""
-        turn_rad, _ = heading_and_tilt(pose.R_ned_cam, self.R_ned_cam)
+        turn_rad = heading_from(pose.R_ned_cam, self.R_ned_cam)
         values[..., : 2 * self.oriented].view(np.complex64)[:] *= np.complex64(cmath.exp(2j * turn_rad))
         return values
 
@@ -180,7 +180,7 @@ class Resampled:
 
     def _nearest(self, pose: CameraPose) -> tuple[int, int]:
         """Which pass, of heading and scale, is nearest a pose."""
-        heading, _ = heading_and_tilt(pose.R_ned_cam, self._plan.pose.R_ned_cam)
+        heading = heading_from(pose.R_ned_cam, self._plan.pose.R_ned_cam)
         apart = np.mod(heading - self._headings + math.pi, 2 * math.pi) - math.pi
         up_m = max(1.0, -float(pose.p_ned_m[2]) - self._plan.ground_up_m)
         return int(np.abs(apart).argmin()), int(np.abs(math.log(up_m / self._plan.agl_m) - self._log_scales).argmin())

@@ -12,7 +12,7 @@ from visloc_companion.geo.se3 import R_from_quat, quat_from_R
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.localise.attitude_search import Candidate
 from visloc_companion.localise.plan import LocalFrame, turned
-from visloc_companion.localise.pose import heading_and_tilt
+from visloc_companion.localise.pose import heading_and_tilt, heading_from
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import Fix, GeoPoint, PosePrior, Quat
 
@@ -94,5 +94,5 @@ def _attitude(prior: PosePrior, guess: Guess, known: Spread) -> Quat:
     if prior.sigma_tilt_rad > known.tilt_rad:
         return guess.q_ned_frd
     R_guess, R_prior = R_from_quat(guess.q_ned_frd), R_from_quat(prior.q_ned_frd)
-    heading, _ = heading_and_tilt(R_guess, R_prior)
+    heading = heading_from(R_guess, R_prior)
     return quat_from_R(turned(R_prior, heading))

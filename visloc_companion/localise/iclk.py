@@ -22,7 +22,7 @@ from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.open_ground import open_ground
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, planned
-from visloc_companion.localise.pose import heading_and_tilt
+from visloc_companion.localise.pose import heading_from
 from visloc_companion.localise.pyramid import LEVELS, LowPassed, View, blurred, view, window
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.surface_error import is_coarse
@@ -109,7 +109,7 @@ def aligned(start: View, ref: ReferenceMap, features: Features, watch: Stopwatch
 def evidence(found: Alignment, plan: SearchPlan, prior: PosePrior) -> dict[str, float]:
     """What is known of an alignment: correlation, convergence, and distances from the prior in sigmas."""
     pose: CameraPose = found.end.pose
-    heading, _ = heading_and_tilt(pose.R_ned_cam, plan.pose.R_ned_cam)
+    heading = heading_from(pose.R_ned_cam, plan.pose.R_ned_cam)
     offset = pose.p_ned_m[:2] - plan.pose.p_ned_m[:2]
     return {
         "score": found.end.score,

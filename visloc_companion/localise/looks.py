@@ -20,7 +20,7 @@ from visloc_companion.localise.claims import claimed_covariance, horizontal_sigm
 from visloc_companion.localise.matching import Found, Match, Task, best_match, refined_candidates, searched_window
 from visloc_companion.localise.modes import MODE_RADIUS, mass_near
 from visloc_companion.localise.open_places import Weighed, share_of, weighed
-from visloc_companion.localise.pose import PoseEstimate, heading_and_tilt
+from visloc_companion.localise.pose import PoseEstimate, heading_from
 from visloc_companion.localise.verify import Evidence, Weights, beside_others, crowded, outvoted, probability_wrong, refusal
 
 Why = tuple[Reason, str]
@@ -105,7 +105,7 @@ def _evidence(task: Task, best: Match, estimate: PoseEstimate, lead: float, foun
     view = task.view_ne_m(best.descended.pose)
     apart_m = [math.hypot(*(task.view_ne_m(c.pose) - view)) for c in found.candidates]
     others = [c.score for c, off_m in zip(found.candidates, apart_m, strict=True) if off_m > 4 * plan.coarse_gsd_m]
-    heading, _ = heading_and_tilt(pose.R_ned_cam, plan.pose.R_ned_cam)
+    heading = heading_from(pose.R_ned_cam, plan.pose.R_ned_cam)
     offset = pose.p_ned_m[:2] - plan.pose.p_ned_m[:2]
     return Evidence(
         score=best.descended.score,

@@ -33,7 +33,7 @@ from visloc_companion.localise.map_suns import MapSuns
 from visloc_companion.localise.modes import PlaceMode, place_modes
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import UNTIMED, SearchPlan, view_box
-from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_and_tilt, to_view
+from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_from, to_view
 from visloc_companion.localise.ranking import RankWeights, Standing, lead
 from visloc_companion.localise.relit_tiles import Lit, RelitTiles
 from visloc_companion.localise.tilt_starts import likeliest, starts
@@ -288,7 +288,7 @@ def distinct(candidates: Sequence[Descended], radius_m: float, view_ne_m: Callab
 def prior_chi2(task: Task, pose: CameraPose) -> float:
     """Squared distance of position and heading from the prior, in sigmas."""
     offset = pose.p_ned_m[:2] - task.plan.pose.p_ned_m[:2]
-    heading, _ = heading_and_tilt(pose.R_ned_cam, task.plan.pose.R_ned_cam)
+    heading = heading_from(pose.R_ned_cam, task.plan.pose.R_ned_cam)
     turn = heading / max(task.prior.sigma_yaw_rad, math.radians(0.5))
     return float(offset @ np.linalg.solve(task.plan.cov_ne_m2, offset)) + turn * turn
 

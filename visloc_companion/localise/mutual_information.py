@@ -26,7 +26,7 @@ from visloc_companion.localise.hypotheses import (
 from visloc_companion.localise.joint_histogram import Labels, bin_edges, labelled, mutual_information, search_histograms
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify_surface
 from visloc_companion.localise.plan import SearchPlan, planned, turned
-from visloc_companion.localise.pose import heading_and_tilt
+from visloc_companion.localise.pose import heading_from
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.verify import log_odds, logistic
 from visloc_companion.localise.window import cropped, map_grid
@@ -134,7 +134,7 @@ def _climbed(plan: SearchPlan, start: CameraPose, full: FrameLevel, ref: Referen
     """Compass search (Hooke & Jeeves 1961) of north, east, heading and logarithm of the height, steps halved at each summit."""
     side_m = math.sqrt(plan.area_m2)
     gsd_m = max(plan.finest_gsd_m, side_m / CLIMB_PIXELS)
-    heading, _ = heading_and_tilt(start.R_ned_cam, plan.pose.R_ned_cam)
+    heading = heading_from(start.R_ned_cam, plan.pose.R_ned_cam)
     scale = max(0.1, (-float(start.p_ned_m[2]) - plan.ground_up_m) / plan.agl_m)
     with watch:
         low, high = footprint_box(plan, np.array([heading]), scale)

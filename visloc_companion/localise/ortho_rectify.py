@@ -5,6 +5,7 @@ A pixel x of the map grid at ground point P (metres north, east; down) is filled
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -19,6 +20,8 @@ from visloc_companion.types import FloatArray
 MAX_TAN_INCIDENCE = 3.0
 """Ground seen flatter than atan(1/3) is left out: a map pixel there covers many heights and few frame pixels."""
 
+STEEP_COS = math.cos(math.radians(12.0))
+"""A camera that leans less than that sees no ground as flat, and samples all of it alike."""
 FULL_SAMPLING = 1.5
 """Grid pixels that hold 1 / FULL_SAMPLING pixels of the frame or more count fully."""
 
@@ -143,7 +146,7 @@ def ground_points(grid: MapGrid, pix: FloatArray) -> FloatArray:
 
 
 def _may_see_far(pose: CameraPose) -> bool:
-    return bool(pose.R_ned_cam[2, 2] < np.cos(np.radians(12)))
+    return bool(pose.R_ned_cam[2, 2] < STEEP_COS)
 
 
 def _near_enough(pose: CameraPose, offsets_ne_m: tuple[Float32Array, Float32Array], up_m: float) -> NDArray[np.bool_]:

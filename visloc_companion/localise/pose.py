@@ -115,10 +115,19 @@ def to_view(pose: CameraPose, ground_up_m: float) -> FloatArray:
 def heading_and_tilt(R_ned_cam: FloatArray, R_prior: FloatArray) -> tuple[float, FloatArray]:
     """How an attitude differs from the prior's: turn about the vertical, and then (2,) rotation about north and east."""
     relative = R_ned_cam @ R_prior.T
-    heading = math.atan2(relative[1, 0] - relative[0, 1], relative[0, 0] + relative[1, 1])
+    heading = _about_vertical(relative)
     s, c = math.sin(heading), math.cos(heading)
     tilt = cv2.Rodrigues(relative @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))[0].ravel()
     return heading, np.asarray(tilt[:2], dtype=np.float64)
+
+
+def heading_from(R_ned_cam: FloatArray, R_prior: FloatArray) -> float:
+    """The turn about the vertical alone: what most ask for, at a third of the work."""
+    return _about_vertical(R_ned_cam @ R_prior.T)
+
+
+def _about_vertical(relative: FloatArray) -> float:
+    return math.atan2(relative[1, 0] - relative[0, 1], relative[0, 0] + relative[1, 1])
 
 
 def solve_pose(

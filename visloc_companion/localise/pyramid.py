@@ -19,7 +19,7 @@ from visloc_companion.localise.frame_features import FrameFeatures, Seen, frame_
 from visloc_companion.localise.hypotheses import footprint_box
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import LocalFrame, SearchPlan
-from visloc_companion.localise.pose import PriorTerm, heading_and_tilt
+from visloc_companion.localise.pose import PriorTerm, heading_from
 from visloc_companion.localise.window import map_grid
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, FloatArray, Image, PosePrior
@@ -90,7 +90,7 @@ def window(view_: View, pose: CameraPose, level: Level, ref: ReferenceMap, local
     """The map about what a pose sees, with the level's margin. Raises OutsideMap."""
     plan = view_.plan
     gsd_m = view_.gsd_m(level, ref.gsd_m)
-    heading, _ = heading_and_tilt(pose.R_ned_cam, plan.pose.R_ned_cam)
+    heading = heading_from(pose.R_ned_cam, plan.pose.R_ned_cam)
     scale = max(0.1, (-float(pose.p_ned_m[2]) - plan.ground_up_m) / plan.agl_m)
     low, high = footprint_box(plan, np.array([heading]), scale)
     margin_m: FloatArray = np.full(2, level.margin_px * gsd_m)

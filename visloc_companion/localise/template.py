@@ -25,7 +25,7 @@ from visloc_companion.localise.hypotheses import (
 )
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan, planned, view_box
-from visloc_companion.localise.pose import heading_and_tilt
+from visloc_companion.localise.pose import heading_from
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.surface_error import unresolved_m
 from visloc_companion.localise.verify import logistic
@@ -96,7 +96,7 @@ def _best(
 
 def _narrowed(plan: SearchPlan, pose: CameraPose) -> SearchPlan:
     """The plan of the second search: two coarse pixels, half a step of heading and scale about a pose."""
-    heading, _ = heading_and_tilt(pose.R_ned_cam, plan.pose.R_ned_cam)
+    heading = heading_from(pose.R_ned_cam, plan.pose.R_ned_cam)
     step = 3.2 * plan.coarse_gsd_m / (0.4 * math.sqrt(plan.area_m2))
     scale = (-float(pose.p_ned_m[2]) - plan.ground_up_m) / plan.agl_m
     offsets = np.linspace(-0.5, 0.5, 5) * step

@@ -19,7 +19,7 @@ from visloc_companion.localise.asking import Asking
 from visloc_companion.localise.flow import FrameToFrame
 from visloc_companion.localise.odometry.base import FlowSettings, Sight, Step, Surface
 from visloc_companion.localise.plan import LocalFrame, local_frame
-from visloc_companion.localise.pose import heading_and_tilt
+from visloc_companion.localise.pose import heading_from
 from visloc_companion.localise.ranged import fits, fits_height, is_plane
 from visloc_companion.localise.surface_window import SurfaceWindow
 from visloc_companion.protocols import Localiser, ReferenceMap
@@ -54,7 +54,7 @@ class WithMotion(Asking):
         """The other localiser's answer, with the camera's motion."""
         found = self._localiser.localise(request, pixels, ref)
         if isinstance(found, Fix) and found.t_ns == request.frame.t_ns and found.probability_wrong <= SURE:
-            heading, _ = heading_and_tilt(R_from_quat(found.q_ned_frd), R_from_quat(request.prior.q_ned_frd))
+            heading = heading_from(R_from_quat(found.q_ned_frd), R_from_quat(request.prior.q_ned_frd))
             self._headings.append((found.t_ns, heading))
         motion = self._motion(request, pixels, ref)
         return found if motion is None else replace(found, motion=motion)

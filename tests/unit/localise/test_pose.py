@@ -14,6 +14,7 @@ from visloc_companion.localise.pose import (
     PriorTerm,
     freed_of_slope,
     heading_and_tilt,
+    heading_from,
     solve_pose,
     turned_about_view,
     widened,
@@ -207,6 +208,13 @@ def test_too_few_points_and_points_behind_the_camera_give_none():
     assert solve_pose(np.zeros((2, 3)), np.zeros((2, 2)), np.ones(2), K, truth, prior) is None
     above = np.column_stack([ground(5, 1, 0)[:, :2], np.full(5, -300.0)])
     assert solve_pose(above, np.zeros((5, 2)), np.ones(5), K, truth, prior) is None
+
+
+def test_the_heading_alone_is_that_of_both():
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        a, b = (pose_of((0, 0, 0), *rng.uniform(-3, 3, 3)).R_ned_cam for _ in range(2))
+        assert heading_from(a, b) == heading_and_tilt(a, b)[0]
 
 
 def test_heading_and_tilt_come_apart():
