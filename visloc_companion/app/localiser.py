@@ -10,6 +10,7 @@ from visloc_companion.config import LocaliserConfig
 from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.flight import flight_localiser
+from visloc_companion.localise.map_light import MapLight
 from visloc_companion.localise.map_shape import OverPlane
 from visloc_companion.localise.masked import behind_the_mask
 from visloc_companion.localise.rectified import behind_the_lens
@@ -32,18 +33,19 @@ def configured_localiser(chosen: LocaliserConfig, model: CameraModel) -> tuple[L
     Raises ConfigError for a method that there is not, ModelError where the network cannot be used.
     """
     features = open_features_for(chosen.method, network_choice(chosen))
-    as_calibrated = behind_the_mask(lambda shown: _of_ground(chosen, shown, features), model)
+    light = MapLight()  # whatever lens a frame is looked at through, it is the same map's
+    as_calibrated = behind_the_mask(lambda shown: _of_ground(chosen, shown, features, light), model)
 
     def made_for(other: CameraModel, **less: object) -> Localiser:
         """For an enlarged picture; a check by another network would be opened for each enlargement."""
         like_it = chosen.model_copy(update={"check_every": 0, **less})
-        return behind_the_mask(lambda shown: _of_ground(like_it, shown, features), other)
+        return behind_the_mask(lambda shown: _of_ground(like_it, shown, features, light), other)
 
     tries_for = partial(made_for, odometry=False, structure=False)
     return Zoomed(as_calibrated, made_for, tries_for, model), features
 
 
-def _of_ground(chosen: LocaliserConfig, model: CameraModel, features: NetworkFeatures | None) -> Localiser:
+def _of_ground(chosen: LocaliserConfig, model: CameraModel, features: NetworkFeatures | None, light: MapLight) -> Localiser:
     """The localiser of frames that show nothing but ground where the model's mask does not say otherwise."""
     view = pinhole_view(model)
     localiser = flight_localiser(
@@ -54,6 +56,7 @@ def _of_ground(chosen: LocaliserConfig, model: CameraModel, features: NetworkFea
         max_search_radius_m=chosen.max_search_radius_m,
         threads=chosen.threads or default_threads(),
         structure=chosen.structure,
+        light=light,
     )
     window = SurfaceWindow()  # turn and motion are seen over the same ground
     moving: Localiser = WithMotion(localiser, view, window=window) if chosen.odometry else localiser

@@ -14,7 +14,7 @@ from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import full_level
 from visloc_companion.localise.looks import Look, Why, convincing, looked, surer
 from visloc_companion.localise.map_ends import map_at_sides
-from visloc_companion.localise.map_suns import MapSuns
+from visloc_companion.localise.map_light import MapLight
 from visloc_companion.localise.matching import Found, Task, find_candidates, sharpened
 from visloc_companion.localise.modes import mode_numbers
 from visloc_companion.localise.open_places import open_places
@@ -22,7 +22,6 @@ from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK, RankWeights
 from visloc_companion.localise.relight import under_the_frames_sun, with_sun_seen
-from visloc_companion.localise.relit_tiles import RelitTiles
 from visloc_companion.localise.settings import LocaliserSettings, Looks
 from visloc_companion.localise.tilt import beyond, seen_tilt, set_right
 from visloc_companion.localise.tilt_starts import tilt_is_known
@@ -61,7 +60,7 @@ class DenseLocaliser:
     def __init__(self, method: str, model: CameraModel, settings: LocaliserSettings, features: Features, fitted: Fitted) -> None:
         self.method = method
         self._model, self._settings, self._features, self._fitted = model, settings, features, fitted
-        self._suns, self._relit = MapSuns(), RelitTiles()
+        self._light = settings.light or MapLight()
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The pose of the camera, or why there is none. Never raises for what an image or a place may contain."""
@@ -88,8 +87,8 @@ class DenseLocaliser:
                 rank,
                 temperature,
                 threads=threads,
-                suns=self._suns,
-                relit=self._relit,
+                suns=self._light.suns,
+                relit=self._light.relit,
             )
             found = find_candidates(task)
             look = self._look(task, found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.freshness import FreshFramesOnly
+from visloc_companion.localise.map_light import MapLight
 from visloc_companion.localise.registration.base import RegistrationMethod
 from visloc_companion.localise.registry import make_localiser
 from visloc_companion.localise.settings import LocaliserSettings
@@ -31,8 +32,9 @@ def flight_localiser(
     max_search_radius_m: float,
     threads: int,
     structure: bool,
+    light: MapLight | None = None,
 ) -> Localiser:
-    """The localiser of a name (localise/registry.py) with the structure vote, if wanted.
+    """The localiser of a name (localise/registry.py) with the structure vote, if wanted; `light` may be shared with others.
 
     Raises ConfigError as `make_localiser`.
     """
@@ -43,6 +45,7 @@ def flight_localiser(
         max_probability_wrong=max_probability_wrong,
         max_search_radius_m=max_search_radius_m,
         threads=threads,
+        light=light,
     )
     if not structure:
         return FreshFramesOnly(image)

@@ -12,6 +12,7 @@ from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.onnx import NetworkFeatures, open_features
 from visloc_companion.localise.iclk import IclkLocaliser
 from visloc_companion.localise.keypoint import KeypointLocaliser
+from visloc_companion.localise.map_light import MapLight
 from visloc_companion.localise.mutual_information import MutualInformationLocaliser
 from visloc_companion.localise.rectified import behind_the_lens
 from visloc_companion.localise.runtime import NetworkChoice
@@ -62,8 +63,9 @@ def make_localiser(
     most_positions: int = MOST_POSITIONS,
     threads: int = 1,
     looks: Looks = Looks.BOTH,
+    light: MapLight | None = None,
 ) -> Localiser:
-    """The localiser of a name; `features` are ignored by those that need none.
+    """The localiser of a name; `features` and `light` are ignored by those that need none.
 
     Raises ConfigError for a name that this version does not have, or where features are needed and none are given.
     """
@@ -74,6 +76,7 @@ def make_localiser(
         map_sigma_m=map_sigma_m,
         threads=threads,
         looks=looks,
+        light=light,
     )
     view = pinhole_view(model)
     if method in ON_PIXELS:

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from visloc_companion.localise.map_light import MapLight
 
 
 class Looks(Enum):
@@ -27,7 +31,7 @@ class LocaliserSettings:
     `max_search_radius_m`: the search region never grows beyond this. `most_positions`: where the map within it would have more
     pixels, it is searched more coarsely. `map_sigma_m`: 1-sigma of the map's registration, added to the claimed covariance.
     `min_height_m`: below this height above the surface nothing is tried. `threads` search together; no answer depends on their
-    number. `looks`: of localisers that look twice.
+    number. `looks`: of localisers that look twice. `light`: what they share with others about the map's light; else their own.
     """
 
     max_probability_wrong: float = 0.05
@@ -37,3 +41,4 @@ class LocaliserSettings:
     min_height_m: float = 8.0
     threads: int = 1
     looks: Looks = Looks.BOTH
+    light: MapLight | None = None

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from tests.unit.level_ground import apart, level_ground, over_its_middle
+from tests.unit.localise.test_light import EVENING, MORNING, photograph, wood
 from visloc_companion.app.localiser import configured_localiser
 from visloc_companion.config import LocaliserConfig
 from visloc_companion.errors import Reason
 from visloc_companion.geo.camera import project
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import ned_from_geo
+from visloc_companion.localise import map_suns, relit_tiles
 from visloc_companion.localise.zoomed import Zoomed, enlarged
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.types import CameraMask, CameraModel, Fix, FrameRef, GeoPoint, Image, LocaliseRequest, NoFix, PosePrior
@@ -136,3 +138,34 @@ def test_what_flies_finds_the_place_in_a_zoomed_picture(flat: Any, support: Any,
         north, east, down = ned_from_geo(found.place, support.HOME)
         assert (north, east) == pytest.approx(truth[:2], abs=2.0)
         assert down == pytest.approx(truth[2], abs=4.0)
+
+
+def test_what_is_worked_out_of_the_maps_light_serves_every_lens(support: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each lens that was tried on a frame looked for the sun over the map anew, and relit the same ground."""
+    up = wood(7, 700, 0.9)
+    known, flown = (support.FlatMap(np.asarray(photograph(up, sun, 3), dtype=np.uint8), up) for sun in (MORNING, EVENING))
+    tiles, suns = [], []
+    relit, sun_about = relit_tiles._made, map_suns._sun_about
+
+    def made(ref: Any, light: Any, pixel: float, col: int, row: int, features: Any) -> Any:
+        tiles.append((light, pixel, col, row, features.name))
+        return relit(ref, light, pixel, col, row, features)
+
+    def looked_for(ref: Any, frame: Any, ne_m: Any) -> Any:
+        suns.append(tuple(round(at) for at in frame.to_map(ne_m)))
+        return sun_about(ref, frame, ne_m)
+
+    monkeypatch.setattr(relit_tiles, "_made", made)
+    monkeypatch.setattr(map_suns, "_sun_about", looked_for)
+    model, level = CameraModel(320, 240, 280.0, 280.0, 159.5, 119.5), (0.0, 0.0, 0.6)
+    localiser, _ = configured_localiser(LocaliserConfig(method="gradient", structure=False, check_every=0), model)
+    for k, zoom in enumerate((1.0, 1.2, 1.1, 1.0)):
+        truth = (-20.0 + 10 * k, 10.0, -270.0)
+        picture = support.render(flown, enlarged(model, zoom), truth, level)
+        asked = support.request_at((truth[0] + 3.0, truth[1] - 2.0, truth[2]), level, sigma_m=6.0, model=model)
+        prior, frame = replace(asked.prior, sun=EVENING), replace(asked.frame, frame_id=k, t_ns=k * 1_000_000_000)
+        answer = localiser.localise(replace(asked, prior=prior, frame=frame, zoom=zoom), picture, known)
+        assert isinstance(answer, Fix)
+        assert dict(answer.evidence)["lit"] == 1.0
+    assert len(tiles) == len(set(tiles)) > 0
+    assert len(suns) == len(set(suns)) > 0
