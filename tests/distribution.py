@@ -21,6 +21,9 @@ APART = (
 )
 LONG = (
     "tests/unit/localise/structure/test_localiser.py",
+    "tests/unit/core/test_aimed_flight.py",
+    "tests/unit/localise/test_ranged.py",
+    "tests/unit/localise/test_rectified.py",
     "tests/unit/cli/test_sim.py",
     "tests/unit/doctor/test_examination.py",
     "tests/unit/evaluate/test_campaign.py",
@@ -35,8 +38,8 @@ LONG = (
     "tests/statistics/test_combined_faults.py",
     "tests/replay/test_real_logs.py",
 )
-"""Next, as their tests of more than eight seconds alone take fifteen and more together (`--durations` of all tests, three
-processes on two cores); beyond, the order is pytest-randomly's."""
+"""Next, as their tests take fifteen seconds and more together: those of more than eight seconds each (`--durations` of all tests,
+three processes on two cores), or all of them (CPU of a package alone); beyond, the order is pytest-randomly's."""
 
 
 class FilesTogether(LoadScopeScheduling):

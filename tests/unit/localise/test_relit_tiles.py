@@ -40,10 +40,15 @@ class Counted:
         return self.inner.patch(*what)
 
 
-@pytest.fixture
-def forest(support):
+@pytest.fixture(scope="module")
+def wooded(support):
     up = wood(3, 701)
-    return Counted(support.FlatMap(np.asarray(photograph(up, MORNING), dtype=np.uint8), up))
+    return support.FlatMap(np.asarray(photograph(up, MORNING), dtype=np.uint8), up)
+
+
+@pytest.fixture
+def forest(wooded):
+    return Counted(wooded)
 
 
 def window(tiles, ref, centre, size=SIZE, gsd_m=1.0, light=LIGHT):
