@@ -165,6 +165,24 @@ def test_the_mavlink_instance_of_the_links_kind_is_set(good: Good, url: str, ins
     assert changes(RULES, facts) == {f"MAV_{instance}_MODE": 2.0}
 
 
+@pytest.mark.parametrize(("cx_px", "level"), [(319.5, Level.RED), (321.7, Level.GREEN)])
+def test_a_lens_that_was_calibrated_may_have_the_defaults_focal_length(good: Good, cx_px: float, level: Level) -> None:
+    """500 px are a lens of 65° like another; what nobody measured is a whole lens of defaults."""
+    facts = config("camera", fx_px=500.0, fy_px=500.0, cx_px=cx_px)(good(AutopilotKind.PX4))
+    (answer,) = [a for a in judge(RULES, facts) if a.rule.id == "camera-calibrated"]
+    assert answer.level is level
+
+
+@pytest.mark.parametrize("output", ["auto", "gps_input"])
+def test_a_build_without_visual_odometry_is_red_where_positions_go_that_way(good: Good, output: str) -> None:
+    """Boards with little flash: everything else may be set up rightly, and no position is taken."""
+    wished = both(config("injection", output=output), without("VISO_TYPE"))(good(AutopilotKind.ARDUPILOT))
+    facts = link(parameters_expected=len(wished.parameters))(wished)
+    answers = {a.rule.id: a.level for a in judge(RULES, facts)}
+    assert answers["firmware-ardupilot-external-positions"] is (Level.RED if output == "auto" else Level.SKIPPED)
+    assert answers["ap-viso-type"] is Level.SKIPPED
+
+
 def test_a_barometer_that_says_nothing_is_not_judged(good: Good) -> None:
     (answer,) = [a for a in judge(RULES, link(barometer_h_amsl_m=None)(good(KINDS[1]))) if a.rule.id == "px4-barometer-qnh"]
     assert (answer.level, answer.read) == (Level.SKIPPED, "the barometer's height did not come (ALTITUDE)")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from visloc_companion.adapters.camera.calibration import camera_model, lens_model, masked_share
-from visloc_companion.config_camera import CameraConfig
+from visloc_companion.config_camera import LENS_KEYS, CameraConfig
 from visloc_companion.doctor.facts import CameraFacts, Facts
 from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
 from visloc_companion.errors import ConfigError
@@ -223,8 +223,8 @@ def _calibrated(camera: CameraConfig, facts: Facts) -> Finding:
     if camera.unstated:
         return red(f"{', '.join(camera.unstated)} not stated: the daemon does not start")
     default = CameraConfig()
-    if (camera.fx_px, camera.fy_px) == (default.fx_px, default.fy_px):
-        return red(f"fx_px = {camera.fx_px:g}, the default")
+    if all(getattr(camera, key) == getattr(default, key) for key in LENS_KEYS):  # a real lens may well have one of them
+        return red(f"fx_px = {camera.fx_px:g} and all else of the lens are the defaults")
     real = _is_device(camera)
     bare = real and camera.distortion_model == "brown_conrady" and not any(camera.distortion)
     return amber("distortion is all zero") if bare else green("fx_px and distortion are stated" if real else "fx_px is stated")

@@ -60,6 +60,12 @@ def _has(name: str) -> Callable[[Facts], Finding]:
     return check
 
 
+def _takes_positions(facts: Facts) -> Finding:
+    if facts.parameters and not {"VISO_TYPE", "EK3_SRC1_POSXY"} & facts.parameters.keys():
+        return skipped("neither VISO_TYPE nor source sets are there", "see firmware-ardupilot-source-sets")
+    return _has("VISO_TYPE")(facts)
+
+
 def _both_fused(known: tuple[int, int], facts: Facts) -> Finding:
     return amber(facts.version) if known <= EXTNAV_REPORTED else green(facts.version)
 
@@ -103,6 +109,16 @@ RULES: tuple[Rule, ...] = (
         "update ArduPilot: 4.1 and newer have them",
         _has("EK3_SRC1_POSXY"),
         AP,
+    ),
+    Rule(
+        "firmware-ardupilot-external-positions",
+        "VISO_TYPE",
+        "Builds for small boards leave visual odometry out (HAL_VISUALODOM_ENABLED 0): every position is dropped without a word.",
+        "a build with visual odometry (custom.ardupilot.org), or a board with more flash; injection.output = "
+        '"external_position_estimate" for a plane, "gps_input" for a copter',
+        _takes_positions,
+        AP,
+        poses=True,
     ),
     _rule(
         "firmware-ardupilot-gps-beside-vision",
