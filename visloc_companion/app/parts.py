@@ -170,7 +170,7 @@ def check_journal_folder(config: Config, *, leave_folder: bool = False) -> None:
     own user from writing.
     """
     folder = config.journal.folder
-    made = [] if leave_folder else [path for path in (Path(folder), *Path(folder).parents) if not path.exists()]
+    made = [] if leave_folder else [path for path in (Path(folder), *Path(folder).parents) if not _may_be_there(path)]
     try:
         journal = JournalWriter.create(Path(folder), JournalHeader({}), max_bytes=config.journal.max_bytes)
         _discard(journal)
@@ -182,11 +182,20 @@ def check_journal_folder(config: Config, *, leave_folder: bool = False) -> None:
         raise JournalError(journal.problem, where=folder, remedy="make room, or name another journal.folder")
 
 
+def _may_be_there(path: Path) -> bool:
+    """Whether it exists, or lies where this user may not look."""
+    try:
+        return path.exists()
+    except OSError:
+        return True
+
+
 def journal_header(config: Config, started_ns: int) -> JournalHeader:
     """What flies from now on, which is `started_ns` on the shell's clock: effective configuration, versions, hash of the map's
     manifest."""
-    manifest = Path(config.map.pack) / "manifest.json"
-    digest = hashlib.sha256(manifest.read_bytes()).hexdigest() if config.map.pack and manifest.is_file() else ""
+    digest, manifest = "", Path(config.map.pack) / "manifest.json"
+    with contextlib.suppress(OSError):  # who opens the pack says so
+        digest = hashlib.sha256(manifest.read_bytes()).hexdigest() if config.map.pack and manifest.is_file() else ""
     return JournalHeader(config.model_dump(mode="json"), versions(), digest, started_ns, time.time_ns())
 
 

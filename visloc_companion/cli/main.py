@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 
 import typer
@@ -60,8 +61,12 @@ def exit_code(error: VislocError) -> int:
     return 4 if isinstance(error, LinkError) else 3
 
 
+_OF_THE_PATH = (errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP)
+"""A file that this user may not look at, or that cannot be: nothing of the program."""
+
+
 def main() -> None:
-    """Run the command line; errors of this package become one clear line and an exit code."""
+    """Run the command line; errors of this package, and of paths, become one clear line and an exit code."""
     open_streams()
     with standard_output():
         try:
@@ -70,6 +75,12 @@ def main() -> None:
             kind = "camera error" if isinstance(error, CameraError) else "error"
             sys.stderr.write(f"{kind}: {error}\n")
             sys.exit(exit_code(error))
+        except OSError as error:
+            if error.filename is None or error.errno not in _OF_THE_PATH:
+                raise
+            remedy = "check the name, and that this user may use it and the folders above it"
+            sys.stderr.write(f"error: {error.filename}: cannot be used: {error.strerror}; remedy: {remedy}\n")
+            sys.exit(3)
 
 
 if __name__ == "__main__":

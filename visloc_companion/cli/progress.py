@@ -63,13 +63,24 @@ def spinner(what: str) -> Iterator[Callable[[str], None]]:
 def require_folder(path: Path | None, option: str, *others: Path | None) -> None:
     """Find out before long work that its result could not be written, or would replace one of the `others`: what the command
     reads, or writes besides. Raises ConfigError naming the option."""
-    if path is not None and not path.parent.is_dir():
+    if path is None:
+        return
+    try:
+        _require_folder(path, option, others)
+    except OSError as why:
+        raise ConfigError(
+            f"cannot be written: {why.strerror}", where=str(path), remedy=f"name a writable file for {option}"
+        ) from why
+
+
+def _require_folder(path: Path, option: str, others: tuple[Path | None, ...]) -> None:
+    if not path.parent.is_dir():
         raise ConfigError("its folder does not exist", where=str(path), remedy=f"name a file in an existing folder for {option}")
-    if path is not None and path.is_dir():
+    if path.is_dir():
         raise ConfigError("is a folder", where=str(path), remedy=f"name a file for {option}")
-    if path is not None and not os.access(path if path.exists() else path.parent, os.W_OK):
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
         raise ConfigError("may not be written", where=str(path), remedy=f"name a writable file for {option}")
-    if path is not None and any(other is not None and _is_same(path, other) for other in others):
+    if any(other is not None and _is_same(path, other) for other in others):
         raise ConfigError("is named twice, and would be overwritten", where=str(path), remedy=f"name another file for {option}")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import stat
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,6 +21,7 @@ KIND: Literal["visloc-map-pack"] = "visloc-map-pack"
 MANIFEST = "manifest.json"
 DIGEST = "manifest.sha256"
 REBUILD = "build the pack again (visloc map build) or copy it again from where it was built"
+ALLOW = "let this user read it (sudo chmod -R a+rX FOLDER); nothing under /home or /root is there for visloc.service"
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -171,7 +173,7 @@ def sha256_file(path: Path) -> str:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as why:
-        raise MapError(f"cannot be read: {why.strerror}", where=str(path), remedy=REBUILD) from why
+        raise _unreadable(path, why) from why
 
 
 def source_entry(path: Path) -> SourceEntry:
@@ -249,14 +251,19 @@ def _schema_of(raw: bytes, where: str) -> object:
 
 
 def _read(path: Path) -> bytes:
-    if not path.is_file():
-        raise MapError(
-            "there is no such file", where=str(path), remedy="name the folder of a pack, or build one (visloc map build)"
-        )
     try:
-        return path.read_bytes()
+        if stat.S_ISREG(path.stat().st_mode):
+            return path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
     except OSError as why:
-        raise MapError(f"cannot be read: {why.strerror}", where=str(path), remedy=REBUILD) from why
+        raise _unreadable(path, why) from why
+    raise MapError("there is no such file", where=str(path), remedy="name the folder of a pack, or build one (visloc map build)")
+
+
+def _unreadable(path: Path, why: OSError) -> MapError:
+    remedy = ALLOW if isinstance(why, PermissionError) else REBUILD
+    return MapError(f"cannot be read: {why.strerror}", where=str(path), remedy=remedy)
 
 
 def _digest_line(raw: bytes) -> str:

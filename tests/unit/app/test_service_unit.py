@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 
@@ -35,6 +36,22 @@ def directives() -> dict[str, list[str]]:
 @pytest.fixture(scope="module")
 def of_the_page() -> dict[str, list[str]]:
     return directives_of("visloc-web.service")
+
+
+def told(command: str) -> list[list[str]]:
+    """The commands of docs/on-a-drone.md, As a service, that have this word."""
+    section = (ROOT / "docs" / "on-a-drone.md").read_text(encoding="utf-8").partition("## As a service")[2]
+    block = re.findall(r"^```sh\n(.*?)^```", section, re.MULTILINE | re.DOTALL)[0]
+    return [words for words in map(shlex.split, block.splitlines()) if command in words]
+
+
+def test_what_is_installed_as_told_is_what_was_tested_where_the_unit_looks_for_it(directives: dict[str, list[str]]) -> None:
+    program, *arguments = shlex.split(directives["ExecStart"][0])
+    (pip,) = [words for words in told("install") if words[1].endswith("/pip")]
+    assert Path(pip[1]).parent == Path(program).parent
+    assert Path(pip[pip.index("-c") + 1]).name == "constraints.txt"
+    assert any(words[-1] == arguments[-1] for words in told("install")), "the configuration"
+    assert [words[words.index("useradd") :][-1] for words in told("useradd")] == directives["User"]
 
 
 def test_it_starts_the_daemon_and_waits_for_its_word(directives: dict[str, list[str]]) -> None:

@@ -26,7 +26,12 @@ FIRMWARE = [
     ap("firmware-measured", "amber", "simulator", version("4.5.7")),
     px4("firmware-px4-external-vision", "red", "1.14", both(without("EKF2_EV_CTRL"), link(parameters_expected=3))),
     ap("firmware-ardupilot-source-sets", "red", "4.1", both(without("EK3_SRC1_POSXY"), link(parameters_expected=3))),
-    ap("firmware-ardupilot-external-positions", "red", "custom.ardupilot", both(without("VISO_TYPE"), link(parameters_expected=3))),
+    ap(
+        "firmware-ardupilot-external-positions",
+        "red",
+        "custom.ardupilot",
+        both(without("VISO_TYPE"), link(parameters_expected=3)),
+    ),
     ap("firmware-ardupilot-gps-beside-vision", "amber", "4.7", version("4.6.2")),
     ap("firmware-ardupilot-height-snaps", "amber", "EK3_SRC2_POSZ = 1", version("4.6.2", parameters(EK3_SRC2_POSZ=2))),
 ]

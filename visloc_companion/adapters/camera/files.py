@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 from visloc_companion.adapters.camera.image import decode_image, require_size, stored
-from visloc_companion.adapters.camera.table import files_listed, stamped_by_autopilot
+from visloc_companion.adapters.camera.table import files_listed, reached, stamped_by_autopilot
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import CameraModel, FrameRef, Image
@@ -23,10 +23,11 @@ class FilesCamera:
 
     def __init__(self, folder: str | Path, model: CameraModel, clock: Clock) -> None:
         self._folder, self._model, self._clock = Path(folder), model, clock
-        if not self._folder.is_dir():
-            raise CameraError("is not a folder", where=str(folder), remedy="name a folder with frames.csv in camera.url")
-        self._rows = files_listed(self._folder / "frames.csv")
-        self._of_autopilot = stamped_by_autopilot(self._folder)
+        with reached(self._folder):
+            if not self._folder.is_dir():
+                raise CameraError("is not a folder", where=str(folder), remedy="name a folder with frames.csv in camera.url")
+            self._rows = files_listed(self._folder / "frames.csv")
+            self._of_autopilot = stamped_by_autopilot(self._folder)
         self._closed = False
         self.unreadable = self.misfits = 0
 

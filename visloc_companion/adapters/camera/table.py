@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from visloc_companion.adapters.camera.video_stamps import frame_count
@@ -12,6 +14,16 @@ from visloc_companion.errors import CameraError
 
 TIME_BASES = ("autopilot_boot", "unix", "offset")
 _A_ROW_EACH = "write a row for each frame of the video, in its order"
+
+
+@contextmanager
+def reached(path: Path) -> Iterator[None]:
+    """Raises CameraError where what is looked for meanwhile lies where this user may not look."""
+    try:
+        yield
+    except OSError as why:
+        remedy = "check the name, and that this user may read it and all folders above it (visloc.service sees none under /home)"
+        raise CameraError(f"cannot be read: {why.strerror}", where=str(path), remedy=remedy) from why
 
 
 def require_name(path: Path, kind: ErrorKind = CameraError) -> None:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.image import as_stored, require_size, rgb, stored
-from visloc_companion.adapters.camera.table import require_name, stamped_by_autopilot, times_of_video
+from visloc_companion.adapters.camera.table import reached, require_name, stamped_by_autopilot, times_of_video
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import CameraModel, FrameRef
@@ -28,7 +28,9 @@ class VideoCamera:
     def __init__(self, path: str | Path, model: CameraModel, clock: Clock) -> None:
         self._path, self._model, self._clock = Path(path), model, clock
         self._capture = cv2.VideoCapture()
-        if not (self._path.is_file() and self._capture.open(str(self._path))):
+        with reached(self._path):
+            is_file = self._path.is_file()
+        if not (is_file and self._capture.open(str(self._path))):
             raise CameraError("cannot be opened as a video", where=str(path), remedy="name a video file, e.g. MP4 with H.264")
         as_stored(self._capture)
         size = [int(self._capture.get(prop)) for prop in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]

@@ -60,9 +60,9 @@ def _text(path: Path) -> str | None:
 
 
 def _disk_free_mb(folder: Path) -> float | None:
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
     with contextlib.suppress(OSError):
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
         return shutil.disk_usage(folder).free / 1e6
     return None
 
