@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
 import signal
 import tomllib
 from collections.abc import Callable
@@ -94,6 +95,9 @@ def wait_for_job(connection: Connection) -> None:
     from visloc_companion.app.worker_process import limit_threads, run_worker
 
     limit_threads()
+    from visloc_companion.localise.runtime import NO_TELEMETRY
+
+    os.environ[NO_TELEMETRY] = "1"
     for name in NEEDED:
         with contextlib.suppress(ImportError):
             import_module(name)

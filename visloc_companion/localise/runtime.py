@@ -35,9 +35,10 @@ _OPTIONS: dict[ProviderName, dict[str, str]] = {"cuda": {"use_tf32": "0"}}
 """TF32 rounds float32 to 10 bits: wrong by more than a golden vector forgives."""
 INSTALL = "pip install 'visloc-companion[cpu]' (or [gpu]), or choose a method that needs no network (gradient)"
 _ERRORS_ONLY = 3
-_NO_TELEMETRY = "ORT_DISABLE_TELEMETRY"
+NO_TELEMETRY = "ORT_DISABLE_TELEMETRY"
 """Read once, when it is imported. Otherwise the build of 1.31.1 keeps each session in a database of the home folder, with a
-number that names the computer and an address of its maker; in flight the network that it would use may be a modem."""
+number that names the computer and an address of its maker; in flight the network that it would use may be a modem. Who imports
+it by name sets this before (app/worker_ahead.py)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +125,7 @@ def run_onnx(content: bytes, batch: Float32Array) -> Float32Array:
 
 
 def _onnxruntime() -> Any:
-    os.environ[_NO_TELEMETRY] = "1"
+    os.environ[NO_TELEMETRY] = "1"
     try:
         import onnxruntime
     except ImportError as why:

@@ -108,6 +108,20 @@ def test_it_is_begun_before_anything_that_takes_long_to_import() -> None:
     ) == set()
 
 
+def test_what_it_imports_keeps_no_record_of_the_computer(tmp_path: Path) -> None:
+    """onnxruntime asks whether it may once, when it is imported: else a number of the computer and its sessions are in HOME."""
+    code = (
+        "import sys; from multiprocessing import Pipe; from visloc_companion.app.worker_ahead import wait_for_job\n"
+        "ours, theirs = Pipe(); ours.close(); wait_for_job(theirs)\n"
+        "import onnxruntime; onnxruntime.get_available_providers(); print('onnxruntime' in sys.modules)"
+    )
+    surroundings = {name: value for name, value in os.environ.items() if name != "ORT_DISABLE_TELEMETRY"}
+    surroundings |= {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=surroundings, capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout.strip() == "True"
+    assert [path.name for path in tmp_path.rglob("*onnxruntime*")] == []
+
+
 @pytest.mark.parametrize(("terrain", "loaded"), [(False, []), (True, ["scipy.ndimage", "scipy.spatial"])])
 def test_what_answers_about_the_ground_alone_holds_up_no_start_without_a_rangefinder(terrain: bool, loaded: list[str]) -> None:
     lines = (
