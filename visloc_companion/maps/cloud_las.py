@@ -15,6 +15,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from visloc_companion.errors import CloudError, VislocError
+from visloc_companion.maps.cloud_npz import require_file
 from visloc_companion.maps.crs import MapCrs, map_crs
 from visloc_companion.maps.las_crs import height_unit_m, stated_wkt
 from visloc_companion.types import FloatArray
@@ -82,8 +83,7 @@ def open_las(path: Path, crs_text: str = "") -> Iterator[LasFile]:
     that is none.
     """
     laspy = _laspy(path)
-    if not path.is_file():
-        raise CloudError("there is no such file", where=str(path), remedy="name a .las or .laz file")
+    require_file(path, "name a .las or .laz file")
     wanted = laspy.DecompressionSelection
     with las_errors(path):
         _check_records(path)

@@ -22,11 +22,20 @@ LARGEST_BY_COLUMNS = 10_000_000
 _WRITE_AGAIN = "write it as numpy.savez_compressed(FILE, points=xyz) with xyz (N, 3) float in metres"
 
 
+def require_file(path: Path, remedy: str) -> None:
+    """Raises CloudError where there is no such file, or this user may not look."""
+    try:
+        what = "" if path.is_file() else "there is no such file"
+    except OSError as why:
+        what = f"cannot be read: {why.strerror}"
+    if what:
+        raise CloudError(what, where=str(path), remedy=remedy)
+
+
 @contextmanager
 def open_npz(path: Path) -> Iterator[tuple[int, Iterator[FloatArray]]]:
     """Number of points, and chunks (n, 3) of them. Raises CloudError naming what is wrong; nothing in the file is executed."""
-    if not path.is_file():
-        raise CloudError("there is no such file", where=str(path), remedy="name a .npz, .las or .laz file")
+    require_file(path, "name a .npz, .las or .laz file")
     where = f"{path}: {FIELD}"
     try:
         with zipfile.ZipFile(path) as archive:

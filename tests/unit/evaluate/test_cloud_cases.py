@@ -151,6 +151,19 @@ def test_a_fault_over_one_case_costs_the_others_nothing(folder: Path, monkeypatc
     assert sum(r.fix is not None for r in results) == 2
 
 
+@pytest.mark.parametrize("suffix", ["npz", "laz"])
+def test_a_file_that_cannot_even_be_looked_for_costs_its_case_alone(folder: Path, suffix: str) -> None:
+    """A name that no file can have; so is one in a folder that this user may not enter."""
+    entries = json.loads((folder / "cases.json").read_text())
+    entries[1]["reference"] = f"{300 * 'x'}.{suffix}"
+    (folder / "cases.json").write_text(json.dumps(entries))
+    document, results = evaluate_cloud(folder, "means")
+    assert len(results) == len(entries)
+    assert [results[1].reason, results[1].detail.startswith(str(folder))] == [Reason.BAD_INPUT, True]
+    assert "cannot be read: " in results[1].detail
+    assert document["cases"][1]["status"] == "no_fix"
+
+
 def test_every_readable_case_is_registered_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
     answer = Means.__call__
