@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import chain
@@ -48,6 +49,7 @@ class RerunSource:
     latency: Literal["arrival", "computation"] = "computation"
     result: dict[str, Any] = field(default_factory=dict)
     _reference: PackMap | None = None
+    _refused: str = ""
 
     def record(self) -> FlightRecord:
         """Fly it. Raises JournalError where there are no frames; MapError, ModelError, ConfigError where nothing can be asked."""
@@ -77,6 +79,7 @@ class RerunSource:
                 )
             )
         record = from_entries(flown)
+        self._refused = commonest_refusal(flown)
         self.result = {
             "rerun": {"method": over.localiser.method, "map": config.map.pack, **compared(entries, flown)},
             "damages": damages,
@@ -120,6 +123,8 @@ class RerunSource:
             f"Recorded frames were localised anew by {found['method']} over {found['map']}: "
             f"{found['n_fixes']} fixes, {found['n_fixes_in_flight']} in flight."
         ]
+        if not found["n_fixes"] and self._refused:
+            words.append(f"No frame was placed: {self._refused}.")
         if found["n_frames_of_both"]:
             words.append(
                 f"{found['n_frames_of_both']} frames have a fix in both; these are {found['apart_median_m']:.2f} m apart "
@@ -153,6 +158,16 @@ def compared(old: Iterable[Entry], new: Iterable[Entry]) -> dict[str, Any]:
         "apart_median_m": float(np.median(apart_m)) if both else None,
         "apart_p95_m": float(np.percentile(apart_m, 95)) if both else None,
     }
+
+
+def commonest_refusal(entries: Iterable[Entry]) -> str:
+    """Why most frames have no fix, with what was said of the first of them; empty where none was refused."""
+    refused = [entry.event for entry in entries if isinstance(entry.event, NoFix)]
+    if not refused:
+        return ""
+    ((reason, count),) = Counter(event.reason for event in refused).most_common(1)
+    said = next(event.detail for event in refused if event.reason is reason)
+    return f"{count} of {len(refused)} are {reason}" + (f" ({said})" if said else "")
 
 
 def _places(entries: Iterable[Entry]) -> dict[tuple[int, bool], GeoPoint]:

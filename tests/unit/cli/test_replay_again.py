@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from io import BytesIO
@@ -127,6 +128,20 @@ def test_another_configuration_is_flown_with_another_map(flown: Path, tiny_world
     assert (again["method"], again["map"]) == ("ncc", str(pack))
     assert 5 < again["n_frames_of_both"] <= again["n_fixes"]
     assert 0.01 < again["apart_median_m"] < 5.0  # another method: not the same place, but within a few pixels
+
+
+def test_why_no_frame_was_placed_is_told(flown: Path, tiny_world: Any, tmp_path: Path) -> None:
+    """Of frames of another size than the configuration's none is: 0 fixes alone name no fault."""
+    camera = {key: value for key, value in read_header(flown).configuration["camera"].items() if isinstance(value, int | float)}
+    size = (camera["width_px"], camera["height_px"])
+    camera |= {"width_px": 2 * size[0], "height_px": 2 * size[1], "cx_px": size[0], "cy_px": size[1]}
+    own = tmp_path / "own.toml"
+    lines = "\n".join(f"{name} = {value}" for name, value in camera.items())
+    own.write_text(f'[camera]\n{lines}\n[localiser]\nmethod = "ncc"\n')
+    code, text = run("replay", flown, "--rerun", "--config", own, "--map", tiny_world.pack)
+    told = " ".join(text.split())
+    assert code == 0
+    assert re.search(rf"No frame was placed: (\d+) of \1 are bad_frame \(.*{size[0]} ?x ?{size[1]}.*\)\.", told), told
 
 
 def test_what_the_flights_map_said_before_arming_is_asked_of_the_map_of_now(flown: Path, tiny_world: Any, tmp_path: Path) -> None:
