@@ -6,7 +6,7 @@ import errno
 import json
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,8 @@ def require_folder(path: Path | None, option: str, *others: Path | None) -> None
     if path is None:
         return
     try:
+        with suppress(FileNotFoundError, NotADirectoryError):
+            path.stat()  # from Python 3.14 on Path.exists() says False of what may not be looked at
         _require_folder(path, option, others)
     except OSError as why:
         raise ConfigError(
