@@ -19,6 +19,7 @@ from tests.unit.doctor.changes import (
     unstated,
     version,
     without,
+    without_all,
 )
 from visloc_companion.doctor.facts import GimbalHeard
 
@@ -30,7 +31,7 @@ FIRMWARE = [
         "firmware-ardupilot-external-positions",
         "red",
         "custom.ardupilot",
-        both(without("VISO_TYPE"), link(parameters_expected=3)),
+        both(without_all("VISO_"), link(parameters_expected=3)),
     ),
     ap("firmware-ardupilot-gps-beside-vision", "amber", "4.7", version("4.6.2")),
     ap("firmware-ardupilot-height-snaps", "amber", "EK3_SRC2_POSZ = 1", version("4.6.2", parameters(EK3_SRC2_POSZ=2))),

@@ -33,6 +33,10 @@ def without(name: str, **values: float) -> Change:
     return lambda facts: replace(facts, parameters={n: v for n, v in facts.parameters.items() if n != name} | values)
 
 
+def without_all(prefix: str) -> Change:
+    return lambda facts: replace(facts, parameters={n: v for n, v in facts.parameters.items() if not n.startswith(prefix)})
+
+
 def link(**values: Any) -> Change:
     return lambda facts: replace(facts, link=replace(facts.link, **values))
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.unit.doctor.breaks import BREAKS
-from tests.unit.doctor.changes import SLOW_LINE, Break, Change, both, config, link, parameters, without
+from tests.unit.doctor.changes import SLOW_LINE, Break, Change, both, config, link, parameters, without, without_all
 from visloc_companion.doctor.facts import Facts, GimbalHeard
 from visloc_companion.doctor.finding import Level, agree, judge
 from visloc_companion.doctor.parameter_file import changes
@@ -176,7 +176,7 @@ def test_a_lens_that_was_calibrated_may_have_the_defaults_focal_length(good: Goo
 @pytest.mark.parametrize("output", ["auto", "gps_input"])
 def test_a_build_without_visual_odometry_is_red_where_positions_go_that_way(good: Good, output: str) -> None:
     """Boards with little flash: everything else may be set up rightly, and no position is taken."""
-    wished = both(config("injection", output=output), without("VISO_TYPE"))(good(AutopilotKind.ARDUPILOT))
+    wished = both(config("injection", output=output), without_all("VISO_"))(good(AutopilotKind.ARDUPILOT))
     facts = link(parameters_expected=len(wished.parameters))(wished)
     answers = {a.rule.id: a.level for a in judge(RULES, facts)}
     assert answers["firmware-ardupilot-external-positions"] is (Level.RED if output == "auto" else Level.SKIPPED)

@@ -61,8 +61,10 @@ def _has(name: str) -> Callable[[Facts], Finding]:
 
 
 def _takes_positions(facts: Facts) -> Finding:
-    if facts.parameters and not {"VISO_TYPE", "EK3_SRC1_POSXY"} & facts.parameters.keys():
-        return skipped("neither VISO_TYPE nor source sets are there", "see firmware-ardupilot-source-sets")
+    if any(name.startswith("VISO_") for name in facts.parameters):
+        return green(f"{facts.version or 'no version'}, has VISO_*")
+    if facts.parameters and "EK3_SRC1_POSXY" not in facts.parameters:
+        return skipped("neither VISO_* nor source sets are there", "see firmware-ardupilot-source-sets")
     return _has("VISO_TYPE")(facts)
 
 
