@@ -81,7 +81,7 @@ class Flight:
         self.wind_ned_mps = plan.wind_ned_mps
         self.body = _start_body(plan)
         self._control: Control = (
-            PlaneControl(Plane(self.body, plan.speed_mps), plan.speed_mps)
+            PlaneControl(Plane(self.body, plan.speed_mps, plan.model.bank_rad), plan.speed_mps)
             if plane
             else CopterControl(Copter(self.body, plan.model.drag, plan.model.lean_rad), plan.speed_mps)
         )
@@ -171,7 +171,7 @@ class Flight:
         self.attitude.step(dt)
         self.attitude.compass_error_rad = self.plan.faults.compass_error_rad(self.t_s)
         self.filter.baro_error_m = self.plan.faults.baro_error_m(self.t_s)
-        self.filter.step((b.a_north, b.a_east, b.a_down), self.attitude.yaw_error_rad, b.down, dt)
+        self.filter.step((b.a_north, b.a_east, b.a_down), self.attitude.yaw_error_rad, b.down, dt, b.yaw)
         self.attitude.tilt_ne_rad = self.filter.tilt_ne_rad
         if self.t_s >= self._gnss_due_s - 1e-9:
             self._sample_gnss()

@@ -11,7 +11,6 @@ from visloc_companion.types import Vec3
 
 L1_S, BLIND_BANK_RAD, SINK_MPS = 2.5, math.radians(15), 2.0
 MIN_LOITER_RADIUS_M, LOITER_BANK_RAD = 80.0, math.radians(22)
-MAX_BANK_RAD = math.radians(40)
 
 
 class PlaneControl:
@@ -42,7 +41,7 @@ class PlaneControl:
         lateral = 2 * ground * ground / reach * math.sin(clamp(eta, math.pi / 2))
         if point.single:
             lateral += ground * ground / self._loiter_m
-        bank = clamp(math.atan(lateral / GRAVITY_MPS2), MAX_BANK_RAD)
+        bank = clamp(math.atan(lateral / GRAVITY_MPS2), self._vehicle.bank_rad)
         return PlaneCommand(bank, clamp(-0.4 * (point.down_m - at.down), 4.0), self._speed)
 
 

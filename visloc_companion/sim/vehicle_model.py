@@ -29,6 +29,8 @@ class Drag:
 
 LEAN_RAD = math.radians(30)
 """ArduCopter's ANGLE_MAX."""
+BANK_RAD = math.radians(40)
+"""Of a plane in its turns; ArduPlane's ROLL_LIMIT_DEG is 45."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,7 @@ class Tube:
 
 @dataclass(frozen=True, slots=True)
 class AttitudeErrors:
-    """1-sigma and correlation times of the estimated attitude's errors."""
+    """1-sigma and correlation times of the estimated attitude's errors, beside the tilt of the filter (sim/imu.py)."""
 
     tilt_rad: float = math.radians(0.3)
     tilt_s: float = 20.0
@@ -62,7 +64,8 @@ class AttitudeErrors:
 
 @dataclass(frozen=True, slots=True)
 class VehicleModel:
-    """The whole set. `lean_rad`: what a copter leans at most; `gust_share`: 1-sigma of the gusts over the mean wind's speed.
+    """The whole set. `lean_rad`: what a copter leans at most, `bank_rad` what a plane banks; `gust_share`: 1-sigma of the gusts
+    over the mean wind's speed.
 
     `stamped_early_s`: by how much earlier than it came ArduPilot takes a message to have come: the time that its bytes, and those
     behind it that came at once, would have taken on a line of SERIALn_BAUD (GCS_Common.cpp:7049, receive_time_constraint_us). On
@@ -72,6 +75,7 @@ class VehicleModel:
     imu: Imu = QUIET
     drag: Drag = field(default_factory=Drag)
     lean_rad: float = LEAN_RAD
+    bank_rad: float = BANK_RAD
     accelerometers: Accelerometers = field(default_factory=Accelerometers)
     tube: Tube = field(default_factory=Tube)
     attitude: AttitudeErrors = field(default_factory=AttitudeErrors)
@@ -89,9 +93,10 @@ that the second's pair decides for all."""
 ARDUPILOT_SITL = VehicleModel(
     imu=EKF3,
     drag=Drag(per_s=0.24, per_m=0.034),
+    bank_rad=math.radians(65),
     accelerometers=Accelerometers(bias_mps2=0.0, noise_mps2=(0.15, 0.07, 0.4)),
     tube=Tube(scale=0.906, scale_sigma=0.0, noise_mps=0.63),
-    attitude=AttitudeErrors(tilt_rad=math.radians(0.25), tilt_s=2.0, yaw_rad=math.radians(0.6), yaw_s=10.0),
+    attitude=AttitudeErrors(tilt_rad=0.0, yaw_rad=math.radians(0.6), yaw_s=10.0),
     gust_share=0.0,
     stamped_early_s=(POSITION_BYTES + STATUS_BYTES) * BITS_PER_BYTE / SITL_BAUD,
 )
@@ -99,15 +104,18 @@ ARDUPILOT_SITL = VehicleModel(
 left of 45 degrees at 15.1 m/s (SIM_Frame.cpp). Accelerometers have no bias (SIM_ACC1_BIAS 0); their noise is that of the streamed
 samples' differences (copter). SIM_ARSPD_RATIO is 1.99 where an incompressible flow has 2 / 1.225. Turbulence has another
 direction at each step of 0.8 ms (SIM_Aircraft.cpp, update_wind): no gust lasts, but the tube feels 0.7 m/s at each sample.
-Attitude errors: its own logs, on vision."""
+Its gyroscopes do not tilt it: what its own logs show of tilt on vision (roll and pitch 0.15 to 0.2°, plane 0.25 to 0.29°,
+1-sigma; on GNSS the copter's 0.06°) is what its filter makes of positions. Heading: its own logs. Bank: ROLL_LIMIT_DEG of the
+flights."""
 
 PX4_SIH = VehicleModel(
     imu=replace(NOISY, assumed_accel_psd=1e-2),
     drag=Drag(per_s=1.0),
     lean_rad=math.radians(45),
+    bank_rad=math.radians(50),
     accelerometers=Accelerometers(bias_mps2=0.0, noise_mps2=(0.5, 1.7, 1.4)),
     tube=Tube(scale_sigma=0.0, noise_mps=0.2),
     gust_share=0.0,
 )
-"""SIH of March 2026, from its sources: SIH_KDV 1.0 over SIH_MASS 1.0, sih.cpp's noise, no air that moves; MPC_TILTMAX_AIR 45.
-EKF2_ACC_NOISE is 1.0 m/s² at 100 Hz, as in the flights (sim/real/px4.py)."""
+"""SIH of March 2026, from its sources: SIH_KDV 1.0 over SIH_MASS 1.0, sih.cpp's noise, no air that moves; MPC_TILTMAX_AIR 45,
+FW_R_LIM 50. EKF2_ACC_NOISE is 1.0 m/s² at 100 Hz, as in the flights (sim/real/px4.py)."""

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from visloc_companion.sim.vehicle import GRAVITY_MPS2, Body, clamp
+from visloc_companion.sim.vehicle_model import BANK_RAD
 from visloc_companion.types import Vec3
 
 
@@ -19,19 +20,19 @@ class PlaneCommand:
 
 
 class Plane:
-    """Bank answers in 0.4 s (60°/s at most, 45° of bank), climb in 0.8 s, airspeed in 3 s; the nose is 3° above the path.
+    """Bank answers in 0.4 s (60°/s and `bank_rad` at most), climb in 0.8 s, airspeed in 3 s; the nose is 3° above the path.
 
     A gust carries the aircraft along with a lag of 0.5 s: what its lift and drag need to change its velocity.
     """
 
     ANGLE_OF_ATTACK_RAD = math.radians(3)
-    MAX_BANK_RAD, MAX_ROLL_RATE_RADPS = math.radians(45), math.radians(60)
+    MAX_ROLL_RATE_RADPS = math.radians(60)
     MAX_CLIMB_MPS = 4.0
     GUST_LAG_S = 0.5
 
-    def __init__(self, body: Body, airspeed_mps: float) -> None:
+    def __init__(self, body: Body, airspeed_mps: float, bank_rad: float = BANK_RAD) -> None:
         self.body = body
-        self.airspeed_mps = airspeed_mps
+        self.airspeed_mps, self.bank_rad = airspeed_mps, bank_rad
         self._climb = 0.0
         self._carried_by: Vec3 | None = None
 
@@ -40,7 +41,7 @@ class Plane:
         body = self.body
         if body.landed:
             return
-        bank = clamp(command.bank_rad, self.MAX_BANK_RAD)
+        bank = clamp(command.bank_rad, self.bank_rad)
         roll = body.roll + clamp((bank - body.roll) / 0.4, self.MAX_ROLL_RATE_RADPS) * dt_s
         self._climb += (clamp(command.climb_mps, self.MAX_CLIMB_MPS) - self._climb) * dt_s / 0.8
         self.airspeed_mps += (command.airspeed_mps - self.airspeed_mps) * dt_s / 3.0

@@ -138,3 +138,14 @@ def test_a_copter_keeps_its_speed_against_its_drag_round_corners(model: VehicleM
         speeds.append(math.hypot(*pilot.truth().v_ned_mps[:2]))
     assert max(speeds) < 9.5
     assert statistics.median(speeds[50:]) > 7.0
+
+
+@pytest.mark.parametrize(("model", "bank_deg"), [(USUAL, 40.0), (ARDUPILOT_SITL, 65.0), (PX4_SIH, 50.0)], ids=MODELS)
+def test_a_plane_banks_in_sharp_turns_as_far_as_its_autopilot_lets_it(model: VehicleModel, bank_deg: float) -> None:
+    corners = [(0.0, 0.0, -100.0), (600.0, 0.0, -100.0), (0.0, 60.0, -100.0)]
+    pilot = BuiltInAutopilot(AutopilotKind.PX4, "plane", HOME, corners, 26.0, 1, model=model)
+    most = 0.0
+    for _ in range(900):
+        pilot.step(0.1)
+        most = max(most, abs(pilot.flight.body.roll))
+    assert math.degrees(most) == pytest.approx(bank_deg, abs=2.0)
