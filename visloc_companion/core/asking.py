@@ -73,6 +73,7 @@ class Asking:
         self._terrain, self._search = terrain, search
         self._without, self._beside, self._ranges = without, BesideGnss(), Ranges()
         self._untrusted_ns: int | None = None
+        self._receiver_next = False
 
     def next(self, now_ns: int, *, injecting: bool, gnss_trusted: bool) -> list[Request]:
         """The worker's next question: about the ground below the track where that is due, else about a frame."""
@@ -84,10 +85,20 @@ class Asking:
 
     def refused(self, answer: NoFix, *, gnss_trusted: bool) -> None:
         """Take an answer without a fix to a question that was not the search's for the place."""
-        self._beside.refused(answer, self._tracker.rests, gnss_trusted=gnss_trusted)
+        goes_on = self._without is not None and self._without.goes_on
+        self._beside.refused(answer, self._tracker.rests, held_there=gnss_trusted or goes_on)
+
+    def seen_on_map(self, now_ns: int) -> None:
+        """The search of the map saw a place that is likelier right than wrong."""
+        if self._without is None or self._search is None:
+            return
+        self._without.recognised(now_ns)
+        if self._search.seen_ne_m is not None and self.beside_gnss():
+            self._without.seen_at(self._search.seen_ne_m, now_ns)
 
     def beside_gnss(self) -> bool:
-        """Whether the map is searched in turns because no frame is recognised about a GNSS that is, or was, trusted."""
+        """Whether the map is searched in turns because no frame is recognised about a GNSS that is, or was, trusted, or about
+        what the autopilot was sent before the daemon came."""
         return self._search is not None and self._beside.due(self._tracker.rests)
 
     def attitude_now(self, now_ns: int) -> Quat | None:
@@ -131,7 +142,7 @@ class Asking:
             return []
         q_ned_frd, q_ned_carrier = poses
         state = self._tracker.at(frame.t_ns)
-        unplaced = self._about_receiver(frame, poses, now_ns)
+        unplaced = self._about_receiver(state, frame, poses, now_ns)
         unplaced = self._about_search(state, frame, poses, now_ns) if unplaced is None else unplaced
         if unplaced is not None:
             return unplaced
@@ -213,10 +224,9 @@ class Asking:
         if state is not None and self.beside_gnss():
             if not self._beside.takes_turn():
                 return None
-            asked = self._about_place(search, Reach(state.p_ned_m[:2]), frame, poses, now_ns, beside_gnss.RISK)
-            believed = self._of_camera(state, poses[0])
-            ground = self._prior(believed, poses[1], self._camera.q_carrier_cambody, injecting=False)
-            return [replace(each, motion_prior=ground) for each in asked]
+            about = Reach() if self._beside.off_map else Reach(state.p_ned_m[:2])
+            asked = self._about_place(search, about, frame, poses, now_ns, beside_gnss.RISK)
+            return self._over_ground_at(state, asked, poses)
         if search.active:
             search.clear()
         return None
@@ -235,14 +245,32 @@ class Asking:
         found = self._without is not None and self._without.found_in_flight
         return found and self._beside.missed(self._tracker.rests)
 
-    def _about_receiver(self, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int) -> list[Request] | None:
-        """A question about where a receiver has a vehicle that nothing else places, in turns with the search of the map."""
-        about = self._without.about_ne_m(frame.t_ns) if self._without is not None and self._looks else None
-        searches = self._search is not None and self._anywhere(None, now_ns)
-        if about is None or (searches and self._beside.takes_turn()):
+    def _about_receiver(
+        self, state: NavState | None, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int
+    ) -> list[Request] | None:
+        """A question about where a receiver has a vehicle that nothing else places, in turns with the search of the map; or that
+        something else places elsewhere, in turns with that."""
+        without = self._without
+        about = without.about_ne_m(frame.t_ns) if without is not None and (self._looks or without.parted) else None
+        if about is None or not (self._searches_no_map(now_ns) if self._looks else self._asks_receiver()):
             return None
         where = place_search.Where(about, ((LOOK_SIGMA_M**2, 0.0), (0.0, LOOK_SIGMA_M**2)))
-        return [*self._about_where(where, frame, poses, now_ns)]
+        asked = self._about_where(where, frame, poses, now_ns)
+        return [*asked] if state is None else self._over_ground_at(state, asked, poses)
+
+    def _over_ground_at(self, state: NavState, asked: list[LocaliseRequest], poses: tuple[Quat, Quat]) -> list[Request]:
+        """Questions about another place, with the camera's motion measured over the ground where the filter has the vehicle."""
+        believed = self._of_camera(state, poses[0])
+        ground = self._prior(believed, poses[1], self._camera.q_carrier_cambody, injecting=False)
+        return [replace(each, motion_prior=ground) for each in asked]
+
+    def _searches_no_map(self, now_ns: int) -> bool:
+        searches = self._search is not None and self._anywhere(None, now_ns)
+        return not (searches and self._beside.takes_turn())
+
+    def _asks_receiver(self) -> bool:
+        turn, self._receiver_next = self._receiver_next, not self._receiver_next
+        return turn
 
     def _about_place(
         self, search: PlaceSearch, about: Reach, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int, risk: float

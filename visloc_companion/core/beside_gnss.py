@@ -32,25 +32,34 @@ class BesideGnss:
     def __init__(self) -> None:
         self._started_ns: int | None = None
         self._since_ns, self._refused, self._begun = 0, 0, False
-        self._search_next = True
+        self._search_next, self._off_map = True, False
 
-    def refused(self, answer: NoFix, belief: Belief | None, *, gnss_trusted: bool) -> None:
-        """Take an answer to a question about where the filter (`belief`) has the vehicle."""
-        if belief is None or belief.last_fix_ns is not None or not gnss_trusted or answer.reason not in NOT_THERE:
+    def refused(self, answer: NoFix, belief: Belief | None, *, held_there: bool) -> None:
+        """Take an answer to a question about where the filter (`belief`) has the vehicle; `held_there` by a GNSS that is trusted,
+        or by what the autopilot was sent before the daemon came."""
+        if belief is None or belief.last_fix_ns is not None or not held_there or answer.reason not in NOT_THERE:
             return
+        outside = answer.reason is Reason.OUTSIDE_MAP
         if belief.started_ns != self._started_ns:
             self._started_ns, self._since_ns, self._refused, self._begun = belief.started_ns, answer.t_ns, 0, False
+            self._off_map = outside
+        self._off_map &= outside
         self._refused += 1
         self._begun |= self._refused >= FEWEST and answer.t_ns - self._since_ns >= AFTER_NS
 
     def missed(self, belief: Belief | None) -> bool:
-        """Whether a frame was refused about where a trusted GNSS has a filter (`belief`) that no fix has borne out yet."""
+        """Whether a frame was refused about where a filter (`belief`) was held that no fix has borne out yet."""
         return belief is not None and belief.last_fix_ns is None and belief.started_ns == self._started_ns
 
     def due(self, belief: Belief | None) -> bool:
         """Whether the map is searched; once so, also where GNSS is trusted no more, until a fix is taken or the filter starts
         anew. One that was found false before is not far from where the vehicle is: what contradicts it saw it move away."""
         return self.missed(belief) and self._begun
+
+    @property
+    def off_map(self) -> bool:
+        """Whether all frames were refused because there is no map: a search from there would go about it for minutes."""
+        return self._off_map
 
     def takes_turn(self) -> bool:
         """Whether the next question is one of the search; every other one is."""

@@ -62,7 +62,7 @@ class GnssMonitor:
         self._anew = False
         self._vision_ns: int | None = None
         self._vision_sigma = 0.0
-        self._out_of_reach = self._rests_on_fixes = False
+        self._out_of_reach = self._rests_on_fixes = self._parted = self._seen_elsewhere = False
         self._armed: bool | None = None
         self.found_in_flight = False
         """Whether the vehicle was armed when it was first heard of."""
@@ -155,10 +155,26 @@ class GnssMonitor:
         elif low:
             self._aloft = False
 
-    def on_reach(self, out_of_reach: bool, *, rests_on_fixes: bool = False) -> None:
+    def on_reach(self, out_of_reach: bool, *, rests_on_fixes: bool = False, goes_on: bool = False) -> None:
         """Whether the position is further from the navigator's own than both covariances allow, and whether that one
-        `rests_on_fixes`: then a GNSS that was not there before is no first one."""
+        `rests_on_fixes`: then a GNSS that was not there before is no first one; or `goes_on` from what the autopilot was sent by
+        the daemon before: then one that was found elsewhere is tried for as long as one that comes back."""
         self._out_of_reach, self._rests_on_fixes = out_of_reach, rests_on_fixes
+        self._parted = goes_on and (self._parted or out_of_reach)
+
+    @property
+    def parted_before(self) -> bool:
+        """Whether GNSS was out of reach of a filter that goes on from what the autopilot was sent, and still is or not."""
+        return self._parted
+
+    @property
+    def parted(self) -> bool:
+        """Whether GNSS lies elsewhere than a filter that goes on from what the autopilot was sent: one of both is far off."""
+        return self._parted and self._out_of_reach
+
+    def on_seen_elsewhere(self) -> None:
+        """A vehicle of which no frame is recognised about a GNSS that nobody has shown right was recognised elsewhere."""
+        self._seen_elsewhere = self._trust.trusted
 
     def on_vision(
         self,
@@ -217,10 +233,11 @@ class GnssMonitor:
         """The verdict now. `source` is what the autopilot is flying on: its ratios tell of GNSS only while that is GNSS."""
         trust = self._trust
         lasting, against = trust.lasting(now_ns, self._signs(now_ns, source)), self._against()
-        if trust.trusted and (lasting or against):
+        if trust.trusted and (lasting or against or self.parted):
             trust.lose()
             self._drift.lose()
             self._begin_tests()
+        self._seen_elsewhere = False
         if against:
             self._disagreed_ns = self._disagreed_ns if self._disagreed else now_ns
             self._disagreed = tuple(dict.fromkeys((*self._disagreed, *against)))
@@ -240,14 +257,15 @@ class GnssMonitor:
         """Count the time without anything against GNSS and trust it (again) at the end of the probation."""
         trust = self._trust
         blind = self._needs_vision and not self._sees(now_ns)
-        if trust.signs or blind or (self._returns and self._out_of_reach):
+        if trust.signs or blind or (self._returns and self._out_of_reach) or self.parted:
             trust.interrupt()
             self._anew = True
             return
         trust.begin(now_ns)
         if self._anew and (self._returns or self._disagreed):
             self._begin_tests()
-        if trust.earned(now_ns, gnss_odds.probability_false(*self._log_r()), returns=self._returns):
+        need_s = self._settings.probation_s if self._returns or self._parted else self._settings.denied_after_s
+        if trust.earned(now_ns, gnss_odds.probability_false(*self._log_r()), need_s, returns=self._returns):
             self._drift.regain()
             self._disagreed, self._must_agree = (), False
 
@@ -276,7 +294,8 @@ class GnssMonitor:
         limit = self._settings.drift_threshold
         vision = max(limit, gnss_odds.log_r(FALSE_AGAIN)) if self._drift.in_probation else limit
         tests = zip(("vision", "odometry", "height"), self._log_r(), (vision, limit, limit), strict=True)
-        return tuple(f"{name}_disagrees" for name, log_r, most in tests if log_r > most)
+        decided = tuple(f"{name}_disagrees" for name, log_r, most in tests if log_r > most)
+        return decided or (BY_CAMERA[1:] if self._seen_elsewhere else ())
 
     def _probability(self, log_r: tuple[float, float, float]) -> float:
         """Of a false position. What is not compared yet since trust was lost has what decided that, or the prior's."""
@@ -307,7 +326,7 @@ class GnssMonitor:
     def _reasons(self, lasting: tuple[str, ...]) -> tuple[str, ...]:
         if self._trust.trusted:
             return ()
-        reach = ("out_of_reach",) if self._out_of_reach and self._returns else ()
+        reach = ("out_of_reach",) if self.parted or (self._out_of_reach and self._returns) else ()
         return (*lasting, *self._disagreed, *reach) or (PROBATION,)
 
     def _evidence(self, now_ns: int, log_r: tuple[float, float, float]) -> tuple[tuple[str, float, float], ...]:

@@ -54,9 +54,9 @@ class Trust:
         if self._clean_since_ns is None:
             self._clean_since_ns = now_ns
 
-    def earned(self, now_ns: int, probability_false: float, *, returns: bool) -> bool:
-        """Trust after enough clean time and, where GNSS `returns`, when the tests find it true. Returns whether it is given."""
-        need_s = self._settings.probation_s if returns else self._settings.denied_after_s
+    def earned(self, now_ns: int, probability_false: float, need_s: float, *, returns: bool) -> bool:
+        """Trust after enough clean time, and when the tests find it true; `returns`: it came through a probation that brings a
+        vehicle back to it. Returns whether it is given."""
         clean_ns = 0 if self._clean_since_ns is None else now_ns - self._clean_since_ns
         if self._clean_since_ns is None or clean_ns < need_s * 1e9 or probability_false >= TRUSTED_BELOW:
             return False

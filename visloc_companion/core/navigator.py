@@ -238,7 +238,7 @@ class Navigator:
             case LinkChanged():
                 return self._on_link(event, now_ns)
             case OperatorFix():
-                return self._vision.on_operator(event, self._clock.boot_ns(now_ns) or 0, now_ns)
+                return self._on_operator(event, now_ns)
             case SourceSwitched():
                 return self._switch.confirmed(event, now_ns)
             case FoundOnVision():
@@ -278,6 +278,13 @@ class Navigator:
         self._origin_asked_ns = now_ns
         return streams.requests_for(event.autopilot, self._settings)
 
+    def _on_operator(self, event: OperatorFix, now_ns: int) -> list[Command]:
+        went_on = self._aiding.goes_on
+        told = self._vision.on_operator(event, self._clock.boot_ns(now_ns) or 0, now_ns)
+        if went_on:
+            self._aiding.gone_on()  # his word frees no GNSS that lies elsewhere, too
+        return told
+
     def _on_found(self, event: FoundOnVision) -> list[Command]:
         if self._settings.injection.policy is InjectionPolicy.NEVER:
             return []
@@ -294,7 +301,7 @@ class Navigator:
     def _on_tick(self, now_ns: int) -> list[Command]:
         commands = [*self._judge_gnss(now_ns), *self._watch(now_ns)]
         if not self._without.looks:
-            commands += self._telemetry.seed(now_ns, self._settings.navigator.seed_sigma_m)
+            commands += self._seed(now_ns)
         state = self._tracker.at(now_ns)
         heard = self._link.up and self._origin_told and self._telemetry.attitude_fresh(now_ns)
         ready = heard and state is not None
@@ -309,6 +316,12 @@ class Navigator:
         verdict, autopilot, n_open = self._monitor.verdict, self._link.autopilot, self._vision.n_open
         sent = self._sending.tick(state, protected, mode, injecting, verdict, autopilot, n_open, now_ns)
         return [*commands, *sent]
+
+    def _seed(self, now_ns: int) -> list[Command]:
+        seeded = self._telemetry.seed(now_ns, self._settings.navigator.seed_sigma_m)
+        if seeded and self._telemetry.goes_on:
+            self._aiding.gone_on()
+        return seeded
 
     def _steer(self, stopped: bool, now_ns: int) -> list[Command]:
         only_gnss = self._without.only_gnss(now_ns)

@@ -145,7 +145,12 @@ class PlaceSearch:
     @property
     def sees(self) -> bool:
         """Whether a place was recognised and is likelier right than wrong, though it may take other ground to be sure of it."""
-        return any(h.hits > 0 and h.log_odds > 0 for h in self._places)
+        return self.seen_ne_m is not None
+
+    @property
+    def seen_ne_m(self) -> Vec2 | None:
+        """The likeliest of such places, metres north and east of the origin."""
+        return next((h.place_ne_m for h in self._places if h.hits > 0 and h.log_odds > 0), None)
 
     def moving(self, t_ns: int, v_ne_mps: Vec2) -> None:
         """Take the velocity input (m/s)."""

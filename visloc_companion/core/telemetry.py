@@ -176,17 +176,17 @@ class Telemetry:
         """Start the filter from the autopilot's position, once, while GNSS is trusted; or where it goes on by what the daemon
         before this one sent it."""
         prior, velocity, trusted = self._prior, self._tracker.velocity, self._monitor.trusted
-        if self._tracker.belief is not None or prior is None or velocity is None or not (trusted or self._goes_on):
+        if self._tracker.belief is not None or prior is None or velocity is None or not (trusted or self.goes_on):
             return []
         if now_ns - prior.t_rx_ns > MAX_STAMP_ERROR_NS:
             return []
         t_ns = self.stamped_ns(prior.t_rx_ns, prior.t_boot_ns)
-        if not self._tracker.seed(t_ns, prior.place, sigma_m if trusted else max(sigma_m, GOES_ON_SIGMA_M)):
+        if not self._tracker.seed(t_ns, prior.place, max(sigma_m, GOES_ON_SIGMA_M) if self.goes_on else sigma_m):
             return []
         return [Notice(Severity.INFO, "filter seeded from the autopilot's position")]
 
     @property
-    def _goes_on(self) -> bool:
+    def goes_on(self) -> bool:
         """Whether the autopilot has a position that its receiver cannot have given it, for it says that it has none; or need not
         have given it: to wait until GNSS is trusted would take 1.5 s of the 4 to 5 s after which PX4's failsafe comes."""
         vouched = self._status is not None and self._status.horizontal_position_ok

@@ -389,11 +389,11 @@ class Tracker:
         """Take a trusted GNSS position; None before seeding."""
         return None if self._filter is None else self._filter.observe_gnss(t_ns, place, sigma_m)
 
-    def out_of_reach(self, t_ns: int, place: GeoPoint, sigma_m: float) -> bool:
-        """Whether a GNSS position is outside the gate about our own state."""
+    def out_of_reach(self, t_ns: int, place: GeoPoint, sigma_m: float, gate_sigma: float | None = None) -> bool:
+        """Whether a GNSS position is outside a gate (None: the usual one) about our own state."""
         state = self.at(t_ns)
         if state is None or self.origin is None:
             return False
         north, east, _ = wgs84.ned_from_geo(place, self.origin)
         off_ne_m = north - state.p_ned_m[0], east - state.p_ned_m[1]
-        return out_of_reach(off_ne_m, state.cov_ne_m2, sigma_m, self._settings.gate_sigma)
+        return out_of_reach(off_ne_m, state.cov_ne_m2, sigma_m, gate_sigma or self._settings.gate_sigma)

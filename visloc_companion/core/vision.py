@@ -110,7 +110,7 @@ class Vision:
         if self._monitor.trusted and not self._without.unplaced:
             self._to_confirm = None  # from here on GNSS says the place, and what fixes confirm is not the operator's word
         self._follow(now_ns)
-        beside = self._asking.beside_gnss()
+        beside = self._asking.beside_gnss() and self._monitor.trusted
         text = "visloc: no fix near GNSS, searching the map" if beside else "visloc: searching the map, keep moving"
         told = [*self._camera.check(now_ns, heard), *self._onboard.check(now_ns, heard=heard, needed=self._steering.injecting)]
         return [*told, *([Notice(Severity.NOTICE, text, to_operator=True)] if begun else [])]
@@ -217,7 +217,7 @@ class Vision:
         if self._search is not None and self._search.is_asked(event.request_id):
             found = None if self._tracker.origin is None else self._search.answered(event, self._tracker.origin, now_ns)
             if isinstance(event, Fix) and self._search.sees:
-                self._without.recognised(now_ns)
+                self._asking.seen_on_map(now_ns)
             return [*([] if found is None else self._on_found(found, now_ns)), *self.free_worker(event, now_ns)]
         if isinstance(event, Fix):
             return self._on_fix(event, before, now_ns)

@@ -81,6 +81,16 @@ class WithoutPosition:
         return belief is None or (belief.last_fix_ns is None and not self._aiding.followed)
 
     @property
+    def goes_on(self) -> bool:
+        """Whether the filter rests on nothing but what the autopilot was sent by the daemon before this one."""
+        return self._aiding.goes_on
+
+    @property
+    def parted(self) -> bool:
+        """Whether that is elsewhere than where GNSS has the vehicle: either may be where it is."""
+        return self._monitor.parted and self._aiding.goes_on
+
+    @property
     def found_in_flight(self) -> bool:
         """Whether the vehicle was armed when it was first heard of: GNSS may have been false before that."""
         return self._monitor.found_in_flight
@@ -107,6 +117,13 @@ class WithoutPosition:
         """A frame was recognised, be it at a place that the search of the map, or the filter after a loss, is not sure of yet: a
         vehicle that hovers shows them no other ground."""
         self._seen_ns = now_ns
+
+    def seen_at(self, place_ne_m: Vec2, now_ns: int) -> None:
+        """A vehicle of which no frame is recognised about a receiver was recognised at a place, metres north and east. That may
+        be a wrong match, and all that one shows that hovers: it speaks against a GNSS that may have been false before we came."""
+        about = self.about_ne_m(now_ns)
+        if self.found_in_flight and about is not None and math.dist(about, place_ne_m) > 3 * LOOK_SIGMA_M:
+            self._monitor.on_seen_elsewhere()
 
     def only_gnss(self, now_ns: int) -> bool:
         """Whether an unproven GNSS is all there is for the autopilot, and has been for UNSEEN_S."""

@@ -30,7 +30,7 @@ def refuse(beside: BesideGnss, held: Any, n: int, every_s: float = 1.0, trusted:
     reason = more.get("reason", Reason.NO_MATCH)
     for k in range(n):
         beside.refused(
-            NoFix(0, round((more.get("from_s", 0.0) + k * every_s) * S), k, k, "image", reason, 1.0), held, gnss_trusted=trusted
+            NoFix(0, round((more.get("from_s", 0.0) + k * every_s) * S), k, k, "image", reason, 1.0), held, held_there=trusted
         )
 
 
