@@ -89,12 +89,13 @@ class Asking:
         self._beside.refused(answer, self._tracker.rests, held_there=gnss_trusted or goes_on)
 
     def seen_on_map(self, now_ns: int) -> None:
-        """The search of the map saw a place that is likelier right than wrong."""
-        if self._without is None or self._search is None:
+        """Take that the search of the map had a fix: it may have seen a place that is likelier right than wrong."""
+        seen_ne_m = None if self._search is None else self._search.seen_ne_m
+        if self._without is None or seen_ne_m is None:
             return
         self._without.recognised(now_ns)
-        if self._search.seen_ne_m is not None and self.beside_gnss():
-            self._without.seen_at(self._search.seen_ne_m, now_ns)
+        if self.beside_gnss():
+            self._without.seen_at(seen_ne_m, now_ns)
 
     def beside_gnss(self) -> bool:
         """Whether the map is searched in turns because no frame is recognised about a GNSS that is, or was, trusted, or about

@@ -143,13 +143,9 @@ class PlaceSearch:
         return self._places
 
     @property
-    def sees(self) -> bool:
-        """Whether a place was recognised and is likelier right than wrong, though it may take other ground to be sure of it."""
-        return self.seen_ne_m is not None
-
-    @property
     def seen_ne_m(self) -> Vec2 | None:
-        """The likeliest of such places, metres north and east of the origin."""
+        """A place that was recognised and is likelier right than wrong, though it may take other ground to be sure of it:
+        the likeliest one, metres north and east of the origin."""
         return next((h.place_ne_m for h in self._places if h.hits > 0 and h.log_odds > 0), None)
 
     def moving(self, t_ns: int, v_ne_mps: Vec2) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from visloc_companion.types import Fix, NoFix, Vec2
+from visloc_companion.types import MAP_SIDES, Fix, NoFix, Vec2
 
 FARTHEST_M = 20_000.0
 """No tile's middle is further off."""
@@ -20,8 +20,6 @@ the map ends: maps are seldom in pieces, and each question takes a frame."""
 Tile = tuple[int, int]
 Side = tuple[int, int]
 """Of a tile: by how many rows and columns the one at that side lies further on."""
-NAMES: dict[str, Side] = {"map_north": (1, 0), "map_south": (-1, 0), "map_east": (0, 1), "map_west": (0, -1)}
-"""Evidence of an answer: the share of that side of the searched square which lies on the map."""
 
 
 class Tiles:
@@ -96,7 +94,7 @@ class Tiles:
         if self._n_swept >= IN_ONE_PIECE or not self._met_map:
             return False
         before = [t for t in _ring(self._ring - 1) if max(abs(t[0] - tile[0]), abs(t[1] - tile[1])) <= 1]
-        beside = [t for t in ((tile[0] - row, tile[1] - column) for row, column in NAMES.values()) if t in self._ends]
+        beside = [t for t in ((tile[0] - row, tile[1] - column) for row, column in MAP_SIDES.values()) if t in self._ends]
         return not any(self._leads(t, tile) for t in (*before, *beside))
 
     def _leads(self, known: Tile, tile: Tile) -> bool:
@@ -114,9 +112,9 @@ class Tiles:
 def ends_of(answer: Fix | NoFix) -> frozenset[Side] | None:
     """At which sides of the square that was searched there is no map; None where the answer does not tell."""
     told = dict(answer.evidence)
-    if any(name not in told for name in NAMES):
+    if any(name not in told for name in MAP_SIDES):
         return None
-    return frozenset(side for name, side in NAMES.items() if told[name] == 0.0)
+    return frozenset(side for name, side in MAP_SIDES.items() if told[name] == 0.0)
 
 
 def _ring(n: int) -> list[Tile]:

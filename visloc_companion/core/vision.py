@@ -216,7 +216,7 @@ class Vision:
     def _localised(self, event: Fix | NoFix, before: Belief | None, now_ns: int) -> list[Command]:
         if self._search is not None and self._search.is_asked(event.request_id):
             found = None if self._tracker.origin is None else self._search.answered(event, self._tracker.origin, now_ns)
-            if isinstance(event, Fix) and self._search.sees:
+            if isinstance(event, Fix):
                 self._asking.seen_on_map(now_ns)
             return [*([] if found is None else self._on_found(found, now_ns)), *self.free_worker(event, now_ns)]
         if isinstance(event, Fix):

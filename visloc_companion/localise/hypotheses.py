@@ -42,7 +42,7 @@ def footprint_box(plan: SearchPlan, headings_rad: FloatArray, scale: float) -> t
 def search_box(plan: SearchPlan) -> tuple[FloatArray, FloatArray]:
     """Box (low, high; metres north, east of the local origin) of the map that the search may look at."""
     low, high = footprint_box(plan, plan.headings_rad, float(plan.scales.max()))
-    half = _region_half_m(plan)
+    half = plan.region_half_m
     return plan.pose.p_ned_m[:2] + low - half, plan.pose.p_ned_m[:2] + high + half
 
 
@@ -58,7 +58,7 @@ def search_window(
     corners = np.array([[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])]) @ inverse.T
     extent = [int(x) for x in (*(np.floor(corners.min(0)) - 1), *(np.ceil(corners.max(0)) + 1))]
     centre = inverse @ (plan.pose.p_ned_m[:2] - grid.A_ne_pix[:, 2])
-    reach = np.abs(inverse) @ _region_half_m(plan)
+    reach = np.abs(inverse) @ plan.region_half_m
     size = grid.weight.shape[::-1]
     looked_at = np.array([inverse @ _turn(heading) @ plan.looked_at_ne_m for heading in plan.headings_rad])
     first, last = [], []
@@ -133,10 +133,6 @@ def footprint_heights(grid: MapGrid, plan: SearchPlan) -> Float32Array:
     """Surface heights (H, W) averaged over about a footprint."""
     side = min(max(3, int(math.sqrt(plan.area_m2) / grid.gsd_m)), 2 * min(grid.weight.shape) - 1) | 1
     return np.asarray(cv2.blur(grid.surface_up_m, (side, side), borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
-
-
-def _region_half_m(plan: SearchPlan) -> FloatArray:
-    return np.minimum(SIGMAS * np.sqrt(np.diag(plan.cov_ne_m2)), min(plan.radius_cap_m, plan.within_m))
 
 
 def _turn(heading_rad: float) -> FloatArray:

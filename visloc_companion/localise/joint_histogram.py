@@ -21,7 +21,7 @@ from visloc_companion.localise.frame import FrameLevel
 from visloc_companion.localise.frame_features import ForEachPose, plane_raster
 from visloc_companion.localise.hypotheses import hypotheses
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
-from visloc_companion.localise.plan import SIGMAS, SearchPlan, turned
+from visloc_companion.localise.plan import SearchPlan, turned
 from visloc_companion.localise.search import MIN_OVERLAP, ScoreVolume
 from visloc_companion.types import FloatArray
 
@@ -152,8 +152,7 @@ def _nadir_box(grid: MapGrid, plan: SearchPlan, extent: Box) -> Box:
     """Nadir pixels within three sigmas at which the middle of the template lies on the window."""
     inverse = np.linalg.inv(grid.A_ne_pix[:, :2])
     centre = inverse @ (plan.pose.p_ned_m[:2] - grid.A_ne_pix[:, 2])
-    half_m = np.minimum(SIGMAS * np.sqrt(np.diag(plan.cov_ne_m2)), min(plan.radius_cap_m, plan.within_m))
-    reach = np.abs(inverse) @ half_m
+    reach = np.abs(inverse) @ plan.region_half_m
     first, last = [], []
     for k, length in enumerate(grid.weight.shape[::-1]):
         middle = (extent[k] + extent[k + 2]) / 2

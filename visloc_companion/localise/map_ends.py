@@ -6,9 +6,8 @@ import numpy as np
 
 from visloc_companion.localise.ortho_rectify import MapGrid
 from visloc_companion.localise.plan import SearchPlan
+from visloc_companion.types import MAP_SIDES
 
-SIDES = {"map_north": (1.0, 0.0), "map_south": (-1.0, 0.0), "map_east": (0.0, 1.0), "map_west": (0.0, -1.0)}
-"""Names of the evidence, and the directions (north, east)."""
 SAMPLES = 201
 
 
@@ -21,7 +20,7 @@ def map_at_sides(grid: MapGrid, plan: SearchPlan) -> dict[str, float]:
     height, width = grid.weight.shape
     along = np.linspace(-plan.within_m, plan.within_m, SAMPLES)
     shares = {}
-    for name, (north, east) in SIDES.items():
+    for name, (north, east) in MAP_SIDES.items():
         off = np.column_stack([north * plan.within_m + abs(east) * along, east * plan.within_m + abs(north) * along])
         u, v = np.rint(inverse @ (plan.pose.p_ned_m[:2] + off - grid.A_ne_pix[:, 2]).T).astype(int)
         inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)

@@ -99,6 +99,11 @@ class SearchPlan:
     headings_rad: FloatArray
     scales: FloatArray
 
+    @property
+    def region_half_m(self) -> FloatArray:
+        """(2,) how far north or south, and east or west, of the prior's place is searched."""
+        return np.minimum(SIGMAS * np.sqrt(np.diag(self.cov_ne_m2)), min(self.radius_cap_m, self.within_m))
+
 
 def local_frame(place: GeoPoint, ref: ReferenceMap) -> LocalFrame:
     """Local coordinates about a place, zero height at sea level. Raises OutsideMap where the map's CRS has none."""

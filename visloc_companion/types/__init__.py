@@ -25,6 +25,7 @@ from visloc_companion.types.basic import (
     Vote,
 )
 from visloc_companion.types.commands import (
+    MAP_SIDES,
     Beam,
     Command,
     Injection,
@@ -89,6 +90,7 @@ from visloc_companion.types.values import (
 __all__ = [
     "DISTORTION_COEFFICIENTS",
     "FIX_3D",
+    "MAP_SIDES",
     "Accepted",
     "Attitude",
     "AutopilotKind",

@@ -28,6 +28,11 @@ class TiltPrior:
     before: TiltBefore | None = None
 
 
+MAP_SIDES: dict[str, tuple[int, int]] = {"map_north": (1, 0), "map_south": (-1, 0), "map_east": (0, 1), "map_west": (0, -1)}
+"""Evidence of an answer to a prior with `within_m`, the share of that side of the searched square which lies on the map, and
+where the side is (north, east)."""
+
+
 @dataclass(frozen=True, slots=True)
 class PosePrior:
     """A Gaussian prior of the camera's pose: place, attitude of the camera's body, and 1-sigma of each.

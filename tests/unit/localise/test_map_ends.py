@@ -9,11 +9,10 @@ import pytest
 
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
 from visloc_companion.localise.hypotheses import search_box
-from visloc_companion.localise.map_ends import SIDES
 from visloc_companion.localise.plan import SearchPlan, make_plan
 from visloc_companion.localise.registry import make_localiser
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.types import CameraModel, Fix, LocaliseRequest, NoFix
+from visloc_companion.types import MAP_SIDES, CameraModel, Fix, LocaliseRequest, NoFix
 
 MODEL = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5)
 LEVEL, UP_M = (0.0, 0.0, 0.6), -235.0
@@ -59,17 +58,17 @@ def test_an_answer_tells_at_which_sides_of_the_square_there_is_map(flat, support
         (gap, (0.0, 0.0), {"map_east"}),
     ):
         told = dict(answered(ref, support, place, asked(support, place, 80.0)).evidence)
-        assert {name for name in SIDES if told[name] == 0.0} == ends
-        assert all(0.4 < told[name] <= 1.0 for name in SIDES if name not in ends)
+        assert {name for name in MAP_SIDES if told[name] == 0.0} == ends
+        assert all(0.4 < told[name] <= 1.0 for name in MAP_SIDES if name not in ends)
     stranger = support.FlatMap(support.texture(9), flat.surface)
     frame = support.render(stranger, MODEL, (0.0, 0.0, UP_M), LEVEL)
     nothing = make_localiser("gradient", MODEL).localise(asked(support, (180.0, 0.0), 80.0), frame, flat)
     assert isinstance(nothing, NoFix)
-    assert {name for name in SIDES if dict(nothing.evidence)[name] == 0.0} == {"map_north"}
+    assert {name for name in MAP_SIDES if dict(nothing.evidence)[name] == 0.0} == {"map_north"}
 
 
 @pytest.mark.parametrize("within_m", [None, 2500.0])
 def test_of_what_is_no_square_nothing_is_told(within_m: float | None, flat, support):
     """None was asked for, or less of it is searched."""
     answer = answered(flat, support, (0.0, 0.0), asked(support, (0.0, 0.0), within_m))
-    assert not set(SIDES) & dict(answer.evidence).keys()
+    assert not set(MAP_SIDES) & dict(answer.evidence).keys()
