@@ -37,6 +37,7 @@ from visloc_companion.types import (
     Range,
     Readout,
     TerrainRequest,
+    Vec2,
     Vec3,
 )
 
@@ -73,7 +74,7 @@ class Asking:
         self._terrain, self._search = terrain, search
         self._without, self._beside, self._ranges = without, BesideGnss(), Ranges()
         self._untrusted_ns: int | None = None
-        self._receiver_next = False
+        self._turn = 0
 
     def next(self, now_ns: int, *, injecting: bool, gnss_trusted: bool) -> list[Request]:
         """The worker's next question: about the ground below the track where that is due, else about a frame."""
@@ -249,11 +250,10 @@ class Asking:
     def _about_receiver(
         self, state: NavState | None, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int
     ) -> list[Request] | None:
-        """A question about where a receiver has a vehicle that nothing else places, in turns with the search of the map; or that
-        something else places elsewhere, in turns with that."""
-        without = self._without
-        about = without.about_ne_m(frame.t_ns) if without is not None and (self._looks or without.parted) else None
-        if about is None or not (self._searches_no_map(now_ns) if self._looks else self._asks_receiver()):
+        """A question about where a receiver has a vehicle that nothing else places, in turns with the search of the map; or about
+        where else than the filter has it it may be, in turns with that."""
+        about = self._elsewhere(state) if state is not None else self._at_receiver(frame.t_ns, now_ns)
+        if about is None:
             return None
         where = place_search.Where(about, ((LOOK_SIGMA_M**2, 0.0), (0.0, LOOK_SIGMA_M**2)))
         asked = self._about_where(where, frame, poses, now_ns)
@@ -265,13 +265,17 @@ class Asking:
         ground = self._prior(believed, poses[1], self._camera.q_carrier_cambody, injecting=False)
         return [replace(each, motion_prior=ground) for each in asked]
 
-    def _searches_no_map(self, now_ns: int) -> bool:
-        searches = self._search is not None and self._anywhere(None, now_ns)
-        return not (searches and self._beside.takes_turn())
+    def _at_receiver(self, t_ns: int, now_ns: int) -> Vec2 | None:
+        about = self._without.about_ne_m(t_ns) if self._without is not None and self._looks else None
+        if about is None or (self._search is not None and self._anywhere(None, now_ns) and self._beside.takes_turn()):
+            return None
+        return about
 
-    def _asks_receiver(self) -> bool:
-        turn, self._receiver_next = self._receiver_next, not self._receiver_next
-        return turn
+    def _elsewhere(self, state: NavState) -> Vec2 | None:
+        """In turns None, which leaves the question to where the filter is, and the other places where the vehicle may be."""
+        places = () if self._without is None else self._without.elsewhere_ne_m(state)
+        self._turn = (self._turn + 1) % (len(places) + 1)
+        return places[self._turn - 1] if self._turn else None
 
     def _about_place(
         self, search: PlaceSearch, about: Reach, frame: FrameRef, poses: tuple[Quat, Quat], now_ns: int, risk: float

@@ -279,10 +279,11 @@ class Navigator:
         return streams.requests_for(event.autopilot, self._settings)
 
     def _on_operator(self, event: OperatorFix, now_ns: int) -> list[Command]:
-        went_on = self._aiding.goes_on
+        went_on, before = self._aiding.goes_on, self._tracker.at(now_ns)
         told = self._vision.on_operator(event, self._clock.boot_ns(now_ns) or 0, now_ns)
         if went_on:
             self._aiding.gone_on()  # his word frees no GNSS that lies elsewhere, too
+            self._without.word_replaced(before, now_ns)
         return told
 
     def _on_found(self, event: FoundOnVision) -> list[Command]:

@@ -22,7 +22,7 @@ from visloc_companion.core.requests import MAX_DRAG_M
 from visloc_companion.core.steering import UNSEEN_S
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Command, EstimatorStatus, Fix, Notice, PriorPose, Severity, Vec2, Verdict
+from visloc_companion.types import Command, EstimatorStatus, Fix, NavState, Notice, PriorPose, Severity, Vec2, Verdict
 
 LOOK_SIGMA_M = MAX_DRAG_M
 """1-sigma, on each axis, of where frames are looked for about the receiver: three of it are what a trusted one may hide."""
@@ -41,6 +41,7 @@ class WithoutPosition:
         self._lacks_since_ns: int | None = None
         self._prior: PriorPose | None = None
         self._seen_ns = 0
+        self._said_ns, self._replaced_ne_m = 0, (0.0, 0.0)
 
     def on_status(self, status: EstimatorStatus) -> None:
         """Take what the autopilot's estimator says of its position."""
@@ -102,6 +103,25 @@ class WithoutPosition:
             return None
         north, east, _ = wgs84.ned_from_geo(place, origin)
         return north, east
+
+    def word_replaced(self, before: NavState | None, t_ns: int) -> None:
+        """The operator's word replaced where the filter went on from what the autopilot was sent (`before`, both at a time)."""
+        belief, said = self._tracker.rests, self._tracker.at(t_ns)
+        if before is not None and belief is not None and said is not None and belief.started_ns != self._said_ns:
+            (north, east, _), (said_north, said_east, _) = before.p_ned_m, said.p_ned_m
+            self._said_ns, self._replaced_ne_m = belief.started_ns, (north - said_north, east - said_east)
+
+    def elsewhere_ne_m(self, state: NavState) -> tuple[Vec2, ...]:
+        """Where else than at the filter's `state` the vehicle may be: where GNSS has it, and what the operator's word replaced,
+        which goes on as the filter does, as long as no fix says which."""
+        belief, t_ns = self._tracker.rests, state.t_ns
+        receiver = self.about_ne_m(t_ns) if self.parted else None
+        places = () if receiver is None else (receiver,)
+        if belief is None or belief.last_fix_ns is not None or belief.started_ns != self._said_ns:
+            return places
+        (north, east), (off_north, off_east) = state.p_ned_m[:2], self._replaced_ne_m
+        in_view = math.hypot(off_north, off_east) <= 3 * largest_sigma_m(state.cov_ne_m2)
+        return places if in_view else (*places, (north + off_north, east + off_east))
 
     def on_fix(self, fix: Fix, now_ns: int) -> list[Command]:
         """Take a fix: the filter starts there, if the receiver bears it out; nothing is sent before it takes another one."""
