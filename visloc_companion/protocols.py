@@ -159,6 +159,15 @@ class FeatureMap(Protocol):
 
 
 @runtime_checkable
+class EdgedMap(Protocol):
+    """What a reference map that says where it ends can do beside (maps/grid.py): nothing is looked for beyond."""
+
+    @property
+    def corners_map_m(self) -> FloatArray:
+        """(4, 2) easting and northing of the raster's corners."""
+
+
+@runtime_checkable
 class ShapeMap(Protocol):
     """What a reference map with a surface model or a cloud can do beside (maps/grid.py)."""
 

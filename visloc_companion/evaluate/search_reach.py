@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from visloc_companion.geo.raster import apply_affine
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.maps.grid import GridMap
 from visloc_companion.types import GeoPoint
@@ -25,8 +24,5 @@ def search_reach_m(place: GeoPoint, reference: GridMap) -> float:
     wide, says that it may be. Raises OutsideMap where the map's CRS has no coordinates for the place.
     """
     here = reference.projection_at(place)
-    rows, cols = reference.shape
-    corners = np.array([[-0.5, -0.5], [cols - 0.5, -0.5], [-0.5, rows - 0.5], [cols - 0.5, rows - 0.5]])
-    offsets_map = apply_affine(reference.T_map_pix, corners) - np.array(here.origin_map_m)
-    offsets_ne_m = np.linalg.solve(here.J_map_ne, offsets_map.T)
+    offsets_ne_m = np.linalg.solve(here.J_map_ne, (reference.corners_map_m - np.array(here.origin_map_m)).T)
     return float(np.clip(np.hypot(*offsets_ne_m).max(), LEAST_M, MOST_M))

@@ -19,7 +19,7 @@ from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.surface_error import height_covariance, is_coarse
 from visloc_companion.localise.verify import logistic
-from visloc_companion.localise.window import cropped, map_grid
+from visloc_companion.localise.window import searched_map
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix
 
@@ -77,7 +77,7 @@ def _matched(
     gsd_m = max(ref.gsd_m, plan.frame_gsd_m * max(1.0, longer_px / MOST_FRAME_PX))
     with watch:
         low, high = search_box(plan)
-        grid = cropped(map_grid(ref, plan.frame, low, high, gsd_m, GREY))
+        grid = searched_map(ref, plan.frame, low, high, gsd_m, GREY)
         there = _detect(grid.features[..., 0], grid.weight > 0)
     level = reduced(full, gsd_m / plan.frame_gsd_m)
     A_ne_pix, size = _north_up(plan, grid)

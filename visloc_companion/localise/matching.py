@@ -29,6 +29,7 @@ from visloc_companion.localise.hypotheses import (
     search_window,
     unsearched,
 )
+from visloc_companion.localise.map_part import reaches_all
 from visloc_companion.localise.map_suns import MapSuns
 from visloc_companion.localise.modes import PlaceMode, place_modes
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
@@ -38,7 +39,7 @@ from visloc_companion.localise.ranking import RankWeights, Standing, lead
 from visloc_companion.localise.relit_tiles import Lit, RelitTiles
 from visloc_companion.localise.tilt_starts import likeliest, starts
 from visloc_companion.localise.verify import block_z
-from visloc_companion.localise.window import MAX_SIDE_PX, cropped, map_grid, part_of_box, thinned
+from visloc_companion.localise.window import MAX_SIDE_PX, map_grid, part_of_box, searched_map, thinned
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import FloatArray, PosePrior, Sun
 
@@ -158,7 +159,7 @@ def find_candidates(task: Task) -> Found:
     plan = task.plan
     with task.watch:
         low, high = search_box(plan)
-        grid = cropped(map_grid(task.ref, plan.frame, low, high, plan.coarse_gsd_m, task.features))
+        grid = searched_map(task.ref, plan.frame, low, high, plan.coarse_gsd_m, task.features)
     stride = _stride(plan, grid.gsd_m)
     frame = task.frame(grid, task.features)
     volume = search_window(grid, frame, plan, threads=task.threads)
@@ -183,7 +184,9 @@ def find_candidates(task: Task) -> Found:
             found.append(likeliest(apart, plan.pose.R_ned_cam, task.prior.sigma_tilt_rad, task.rank[0] + task.rank[4]))
     temperature = task.temperature * grid.gsd_m / math.sqrt(plan.area_m2)
     modes = place_modes(volume, region(volume, grid, plan), grid, temperature, arms_to_view(plan))
-    return Found(sorted(found, key=lambda c: -c.score), modes, unsearched(plan, MAX_SIDE_PX * grid.gsd_m), grid)
+    most_m = MAX_SIDE_PX * grid.gsd_m
+    left_out = unsearched(plan, math.inf if reaches_all(task.ref, plan.frame, low, high, most_m) else most_m)
+    return Found(sorted(found, key=lambda c: -c.score), modes, left_out, grid)
 
 
 def best_match(task: Task, matches: list[Match]) -> tuple[Match, float]:

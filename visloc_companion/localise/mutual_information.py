@@ -29,7 +29,7 @@ from visloc_companion.localise.plan import SearchPlan, planned, turned
 from visloc_companion.localise.pose import heading_from
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.verify import log_odds, logistic
-from visloc_companion.localise.window import cropped, map_grid
+from visloc_companion.localise.window import map_grid, searched_map
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix
 
@@ -122,7 +122,7 @@ def _candidates(plan: SearchPlan, full: FrameLevel, ref: ReferenceMap, watch: St
     gsd_m = plan.coarse_gsd_m
     with watch:
         low, high = search_box(plan)
-        grid = cropped(map_grid(ref, plan.frame, low, high, gsd_m, GREY))
+        grid = searched_map(ref, plan.frame, low, high, gsd_m, GREY)
     volume = search_histograms(grid, reduced(full, gsd_m / plan.frame_gsd_m), plan, SEARCH_BINS)
     radius_px = max(3.0, 0.06 * math.sqrt(plan.area_m2) / gsd_m)
     peaks = peaks_in_region(volume, grid, plan, MAX_CANDIDATES, radius_px)

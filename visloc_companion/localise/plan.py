@@ -15,6 +15,7 @@ from visloc_companion.geo.camera import R_FRD_CAM, unproject
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import check_pixels
+from visloc_companion.localise.map_part import part_on_map
 from visloc_companion.localise.ortho_rectify import MAX_TAN_INCIDENCE, CameraPose
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.protocols import FeatureMap, ReferenceMap
@@ -218,17 +219,19 @@ def ground_near(
     agl, ground, spread, searched_m2 = 100.0, 0.0, 0.0, 0.0
     for turn in range(3):
         side = _side_m(outline, agl)
-        patch = _surface(ref, frame.to_map(outline.mean(0) * agl), reach + side)
-        while patch is None and turn == 0 and agl < prior.place.h_amsl_m - LOWEST_LAND_M:
+        found = _surface_within(ref, frame, outline.mean(0) * agl, reach + side)
+        while found is None and turn == 0 and agl < prior.place.h_amsl_m - LOWEST_LAND_M:
             agl *= 2  # who is high up sees past a gap of the map, and into it from beside it
             side = _side_m(outline, agl)
-            patch = _surface(ref, frame.to_map(outline.mean(0) * agl), reach + side)
-        if patch is None:
+            found = _surface_within(ref, frame, outline.mean(0) * agl, reach + side)
+        if found is None:
             return None
+        patch, looked_m = found
         known = patch.valid & np.isfinite(patch.dsm_amsl_m)
         heights = np.where(known, patch.dsm_amsl_m, np.float32(np.median(patch.dsm_amsl_m[known])))
         mean = cv2.blur(heights, (max(1, round(side / patch.gsd_m)) | 1,) * 2, borderType=cv2.BORDER_REPLICATE)
-        centre, around = len(mean) // 2, int(reach / patch.gsd_m)
+        centre = len(mean) // 2
+        around = min(centre, int(reach / patch.gsd_m))
         within = slice(centre - around, centre + around + 1)
         near = mean[within, within]
         below = near[near <= prior.place.h_amsl_m - settings.min_height_m]
@@ -237,7 +240,7 @@ def ground_near(
             near, ground = below, float(np.median(below))
         low, high = np.percentile(near, (5, 95))
         spread = float(high - low) / 2
-        searched_m2 = float(known.mean()) * (2 * (reach + side)) ** 2
+        searched_m2 = float(known.mean()) * (2 * looked_m) ** 2
         agl, before = max(1.0, prior.place.h_amsl_m - ground), agl
         if abs(agl - before) < 0.1 * agl:
             break
@@ -259,6 +262,19 @@ def above_ground_m(plan: SearchPlan, pose: CameraPose, ref: ReferenceMap) -> flo
 def _side_m(outline: FloatArray, agl_m: float) -> float:
     """Side of the footprint so far below, metres."""
     return max(20.0, agl_m * math.sqrt(_area(outline)))
+
+
+def _surface_within(
+    ref: ReferenceMap, frame: LocalFrame, middle_ne_m: FloatArray, reach_m: float
+) -> tuple[ReferencePatch | FeaturePatch, float] | None:
+    """Surface heights about a place, and how far they reach (m): those of the map's part of that square where the map is so small
+    beside it that it lies between the samples. None where no map lies within the square."""
+    patch = _surface(ref, frame.to_map(middle_ne_m), reach_m)
+    part = part_on_map(ref, frame, middle_ne_m - reach_m, middle_ne_m + reach_m) if patch is None else None
+    if part is not None and float((part[1] - part[0]).max()) < reach_m:
+        reach_m = float((part[1] - part[0]).max()) / 2
+        patch = _surface(ref, frame.to_map((part[0] + part[1]) / 2), reach_m)
+    return None if patch is None else (patch, reach_m)
 
 
 def _surface(ref: ReferenceMap, centre_map_m: tuple[float, float], reach_m: float) -> ReferencePatch | FeaturePatch | None:

@@ -29,7 +29,7 @@ from visloc_companion.localise.pose import heading_from
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.surface_error import unresolved_m
 from visloc_companion.localise.verify import logistic
-from visloc_companion.localise.window import cropped, map_grid, part_of_box
+from visloc_companion.localise.window import part_of_box, searched_map
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
 
@@ -86,7 +86,7 @@ def _best(
     """The two best distinct peaks of an exhaustive search at a level, as poses with scores, and the map that was searched."""
     with watch:
         low, high = search_box(plan)
-        grid = cropped(map_grid(ref, plan.frame, low, high, gsd_m, GREY))
+        grid = searched_map(ref, plan.frame, low, high, gsd_m, GREY)
     frame = ForEachPose(reduced(full, grid.gsd_m / plan.frame_gsd_m), GREY)
     volume = search_window(grid, frame, plan, zero_mean=True)
     peaks = peaks_in_region(volume, grid, plan, 2, max(3.0, 0.06 * math.sqrt(plan.area_m2) / gsd_m))

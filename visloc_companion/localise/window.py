@@ -10,6 +10,7 @@ import numpy as np
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import eroded
 from visloc_companion.localise.ground import filled
+from visloc_companion.localise.map_part import worth_reading
 from visloc_companion.localise.ortho_rectify import MapGrid
 from visloc_companion.localise.plan import LocalFrame
 from visloc_companion.localise.relit_tiles import Lit
@@ -19,6 +20,8 @@ from visloc_companion.types import FeaturePatch, FloatArray
 
 MAX_SIDE_PX = 4000
 LEAST_PX = 16
+MARGIN_PX = 64
+"""About the map in a window of a search: features near the map's edge tell that it ends there."""
 
 
 def map_grid(
@@ -59,6 +62,18 @@ def map_grid(
         patch.gsd_m,
         patch.dsm_gsd_m,
     )
+
+
+def searched_map(
+    ref: ReferenceMap, frame: LocalFrame, low_ne_m: FloatArray, high_ne_m: FloatArray, gsd_m: float, features: Features
+) -> MapGrid:
+    """The part of `map_grid` that holds valid map, of which no more is read than the map has, nor than MAX_SIDE_PX a side.
+
+    Raises OutsideMap where no pixel is on the map.
+    """
+    margin_m = MARGIN_PX * gsd_m
+    low, high = worth_reading(ref, frame, low_ne_m, high_ne_m, MAX_SIDE_PX * gsd_m, margin_m)
+    return cropped(map_grid(ref, frame, low, high, gsd_m, features))
 
 
 def _feature_patch(

@@ -68,6 +68,13 @@ class GridMap:
         middle = apply_affine(self.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))
         return float(middle[0]), float(middle[1])
 
+    @property
+    def corners_map_m(self) -> FloatArray:
+        """(4, 2) easting and northing of the raster's corners."""
+        rows, cols = self.shape
+        corners = np.array([[-0.5, -0.5], [cols - 0.5, -0.5], [-0.5, rows - 0.5], [cols - 0.5, rows - 0.5]])
+        return apply_affine(self.T_map_pix, corners)
+
     def spread_map_m(self, side: int) -> FloatArray:
         """(side, side, 2) easting and northing of the middles of as many equal parts of the raster, from the first row on."""
         rows, cols = self.shape

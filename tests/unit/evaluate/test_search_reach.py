@@ -45,8 +45,8 @@ def wide_map(folder: Path) -> Path:
     return geotiff(folder / "map.tif", texture(), "EPSG:32632", Affine(PIXEL_M, 0, EASTING, 0, -PIXEL_M, NORTHING))
 
 
-def place(col: float, row: float, h_m: float = 0.0) -> GeoPoint:
-    lon, lat = Transformer.from_crs(32632, 4326, always_xy=True).transform(EASTING + PIXEL_M * col, NORTHING - PIXEL_M * row)
+def place(col: float, row: float, h_m: float = 0.0, pixel_m: float = PIXEL_M) -> GeoPoint:
+    lon, lat = Transformer.from_crs(32632, 4326, always_xy=True).transform(EASTING + pixel_m * col, NORTHING - pixel_m * row)
     return GeoPoint(lat, lon, h_m)
 
 
@@ -67,20 +67,20 @@ def test_the_search_reaches_across_the_antimeridian(tmp_path: Path) -> None:
         assert search_reach_m(GeoPoint(0.0, lon_deg, 0.0), RasterMap.open(beside)) == pytest.approx(expected_m, rel=5e-3)
 
 
-def test_a_frame_is_found_as_far_from_its_prior_as_three_sigmas_allow(tmp_path: Path) -> None:
-    """3.6 km off on a map of 6.4 x 6.4 km, where a flight searches 2 km."""
-    col, row, height_m = 90, 250, 100 * PIXEL_M
-    frame = tmp_path / "frame.png"
+def placed_m(
+    folder: Path, pixel_m: float, truth_px: tuple[int, int], prior_px: tuple[float, float], sigma_m: float
+) -> tuple[float, float | None]:
+    """How far a prior is off, and how far the fix of a frame cut out of the map at (column, row) is, metres (None: refused)."""
+    col, row = truth_px
+    height_m = 100 * pixel_m
+    frame = folder / "frame.png"
     cv2.imwrite(str(frame), texture()[row - 50 : row + 50, col - 60 : col + 60])
-    truth, prior = place(col, row, height_m), place(col + 130, row - 125, height_m)
-    off_m = math.hypot(*ned_from_geo(truth, prior)[:2])
-    assert off_m > 1.5 * LEAST_M
-    sigma_m = 1300.0
-    assert off_m < 3 * sigma_m
+    transform = Affine(pixel_m, 0, EASTING, 0, -pixel_m, NORTHING)
+    truth, prior = place(col, row, height_m, pixel_m), place(*prior_px, height_m, pixel_m)
     case = Case(
         "far",
         frame,
-        wide_map(tmp_path),
+        geotiff(folder / "map.tif", texture(), "EPSG:32632", transform),
         None,
         Camera(100.0, 100.0, 59.5, 49.5, (0.0,) * 5),
         PosePrior(
@@ -93,5 +93,31 @@ def test_a_frame_is_found_as_far_from_its_prior_as_three_sigmas_allow(tmp_path: 
         ),
     )
     result = run_case(case, "gradient")
-    assert result.fix is not None, result.detail
-    assert math.hypot(*ned_from_geo(result.fix.place, truth)[:2]) < 2 * PIXEL_M
+    off_m = math.hypot(*ned_from_geo(truth, prior)[:2])
+    return off_m, None if result.fix is None else math.hypot(*ned_from_geo(result.fix.place, truth)[:2])
+
+
+def test_a_frame_is_found_as_far_from_its_prior_as_three_sigmas_allow(tmp_path: Path) -> None:
+    """3.6 km off on a map of 6.4 x 6.4 km, where a flight searches 2 km."""
+    sigma_m = 1300.0
+    off_m, error_m = placed_m(tmp_path, PIXEL_M, (90, 250), (220, 125), sigma_m)
+    assert 1.5 * LEAST_M < off_m < 3 * sigma_m
+    assert error_m is not None
+    assert error_m < 2 * PIXEL_M
+
+
+@pytest.mark.parametrize(
+    ("pixel_m", "prior_px", "sigma_m"),
+    [
+        pytest.param(0.1, (170.0, 150.0), 700.0, id="between the samples that look for the ground"),
+        pytest.param(0.1, (3000.0, -1500.0), 200.0, id="beyond a window about the prior"),
+    ],
+)
+def test_a_small_map_is_found_wherever_a_wide_prior_reaches_it(
+    tmp_path: Path, pixel_m: float, prior_px: tuple[float, float], sigma_m: float
+) -> None:
+    """A map of 32 m a side, searched for within 2 km and within 600 m."""
+    off_m, error_m = placed_m(tmp_path, pixel_m, (130, 200), prior_px, sigma_m)
+    assert off_m < 2 * sigma_m
+    assert error_m is not None
+    assert error_m < 2 * pixel_m
