@@ -1,5 +1,6 @@
 """The key file: what counts as a key, and who else may have seen it."""
 
+import errno
 import hashlib
 import os
 
@@ -49,6 +50,19 @@ def test_a_key_of_somebody_else_is_refused(key_file, monkeypatch):
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
     with pytest.raises(ConfigError, match=r"belongs to user .*remedy: chown"):
         read_key(key_file)
+
+
+def test_a_key_that_may_not_be_read_is_not_to_be_made_anew(key_file, monkeypatch):
+    def refuse(*_):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    key_file.write_text("secret")
+    monkeypatch.setattr(os, "open", refuse)
+    with pytest.raises(
+        ConfigError, match=r"cannot be read: Permission denied.*remedy: run this as the user whose key it is"
+    ) as told:
+        read_key(key_file)
+    assert "link-key" not in str(told.value)
 
 
 def test_what_cannot_be_read(tmp_path):

@@ -280,3 +280,17 @@ def test_no_file_of_rules_is_forgotten() -> None:
     defined = sum(path.read_text(encoding="utf-8").count("\nRULES: ") for path in folder.glob("*.py"))
     assert defined == len([path for path in folder.glob("*.py") if path.stem not in ("__init__", "parameter")])
     assert sum(len(rules) for rules in THEMES.values()) == len(RULES)
+
+
+def test_a_link_that_was_given_is_not_asked_for(good: Good) -> None:
+    """What lacks a parameter beside a link that lost some points to those that were lost, and without any link to the link."""
+    facts = good(AutopilotKind.ARDUPILOT)
+    lost = replace(facts, parameters={"SOMETHING": 1.0})
+
+    def remedies(of: Facts) -> dict[str, str]:
+        return {a.rule.id: a.remedy for a in judge(RULES, of) if a.level is Level.SKIPPED}
+
+    assert not [rule for rule, remedy in remedies(lost).items() if "--link URL" in remedy]
+    assert remedies(lost)["ap-compass"] == remedies(lost)["firmware-ardupilot-height-snaps"] == "see link-parameters"
+    bare = remedies(replace(facts, link=None, parameters={}))
+    assert {bare["ap-compass"], bare["ap-viso-type"], bare["config-output"]} == {"give --link URL"}

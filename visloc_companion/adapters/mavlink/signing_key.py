@@ -28,6 +28,9 @@ def read_key(path: Path, field: str = "link.signing_key_file") -> bytes:
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
             _demand_privacy(os.fstat(file.fileno()), where, path)
             content = file.read(_MAX_BYTES + 1)
+    except PermissionError as why:
+        remedy = f"run this as the user whose key it is, or make {path} that of the user who runs it (chown, chmod 600)"
+        raise ConfigError(f"cannot be read: {why.strerror}", where=where, remedy=remedy) from why
     except OSError as why:
         raise ConfigError(f"cannot be read: {why.strerror}", where=where, remedy="make one with `visloc link-key`") from why
     return key_of(content, where)

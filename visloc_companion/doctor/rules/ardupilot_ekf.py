@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import REBOOT, Finding, Level, Rule, amber, green, red, skipped
-from visloc_companion.doctor.rules.parameter import Judge, bit_clear, parameter, within
+from visloc_companion.doctor.rules.parameter import Judge, bit_clear, parameter, unread, within
 from visloc_companion.types import AutopilotKind
 
 AP = AutopilotKind.ARDUPILOT
@@ -46,7 +46,7 @@ def _compass(facts: Facts) -> Finding:
     yaw, use = facts.parameters.get(f"EK3_SRC{number}_YAW"), facts.parameters.get("COMPASS_USE")
     enabled = facts.parameters.get("COMPASS_ENABLE", 1.0)
     if yaw is None or use is None:
-        return skipped("no parameters of compass or source set", "give --link URL")
+        return unread(facts, "compass or source set")
     others = [n for n in (2, 3) if facts.parameters.get(f"COMPASS_USE{n}") and facts.parameters.get(f"COMPASS_PRIO{n}_ID")]
     read = f"EK3_SRC{number}_YAW = {yaw:g}, COMPASS_ENABLE = {enabled:g}, COMPASS_USE = {use:g}"
     read += "".join(f", COMPASS_USE{n} = {facts.parameters[f'COMPASS_USE{n}']:g}" for n in others)

@@ -7,7 +7,7 @@ import re
 from visloc_companion.adapters.mavlink.outputs.kinds import Output
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import FASTER_URL, REBOOT, Finding, Level, Rule, amber, green, red, skipped
-from visloc_companion.doctor.rules.parameter import one_to_set, own_system, parameter, within
+from visloc_companion.doctor.rules.parameter import one_to_set, own_system, parameter, unread, within
 from visloc_companion.types import AutopilotKind
 
 AP = AutopilotKind.ARDUPILOT
@@ -41,7 +41,7 @@ def _serial_baud_of_link(facts: Facts) -> int | None:
 
 def _protocol(facts: Facts) -> Finding:
     if "SERIAL1_PROTOCOL" not in facts.parameters:
-        return skipped("no parameters of serial ports", "give --link URL")
+        return unread(facts, "serial ports")
     ports, old = _ports(facts, (MAVLINK2,)), _ports(facts, (MAVLINK1,))
     read = f"MAVLink 2 on {_names(ports)}, MAVLink 1 on {_names(old)}"
     spoken = MAVLINK2 if facts.link is None else facts.link.mavlink_version
@@ -74,7 +74,7 @@ def _baud(facts: Facts) -> Finding:
 def _stream_rates(facts: Facts) -> Finding:
     rates = {name: value for name, value in facts.parameters.items() if _STREAM.fullmatch(name)}
     if not rates:
-        return skipped("no parameters of streams", "give --link URL")
+        return unread(facts, "streams")
     read = ", ".join(f"{name} = {value:g}" for name, value in sorted(rates.items()))
     busy = {name: 10.0 for name, value in rates.items() if value > BUSY_HZ}
     return amber(read, parameters=busy) if busy else green(read)

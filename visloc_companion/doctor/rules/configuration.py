@@ -7,6 +7,7 @@ from collections.abc import Callable
 from visloc_companion.config import Config
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
+from visloc_companion.doctor.rules.parameter import unread
 from visloc_companion.types import AutopilotKind
 
 Judge = Callable[[Config, Facts], Finding]
@@ -180,7 +181,7 @@ def _camera(config: Config, facts: Facts) -> Finding:
 def _output(config: Config, facts: Facts) -> Finding:
     choice = facts.choice
     if not facts.parameters:
-        return skipped(config.injection.output, "give --link URL")
+        return unread(facts, f"the autopilot, which injection.output = {config.injection.output} depends on")
     return red(choice.why, choice.remedy) if choice.output is None else green(str(choice))
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
+from visloc_companion.doctor.rules.parameter import unread
 from visloc_companion.types import AutopilotKind
 
 AP, PX4 = AutopilotKind.ARDUPILOT, AutopilotKind.PX4
@@ -49,7 +50,7 @@ def _measured(known: tuple[int, int], facts: Facts) -> Finding:
 def _has(name: str) -> Callable[[Facts], Finding]:
     def check(facts: Facts) -> Finding:
         if not facts.parameters:
-            return skipped("no parameters were read", "give --link URL")
+            return unread(facts, "this autopilot")
         if name not in facts.parameters and not facts.parameters_complete:
             return skipped("not all parameters were read", "see link-parameters")
         if name not in facts.parameters and facts.autopilot is AP and facts.parameters.get("EK3_ENABLE", 1.0) != 1:
@@ -76,7 +77,7 @@ def _height_snaps(known: tuple[int, int], facts: Facts) -> Finding:
     number = facts.assumed.injection.vision_source_set
     height = facts.parameters.get(f"EK3_SRC{number}_POSZ")
     if height is None:
-        return skipped("no parameters of the source set", "give --link URL")
+        return unread(facts, "the source set")
     read = f"{facts.version}, EK3_SRC{number}_POSZ = {height:g}"
     return (
         amber(read, parameters={f"EK3_SRC{number}_POSZ": 1.0})

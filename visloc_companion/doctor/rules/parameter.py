@@ -29,7 +29,7 @@ def parameter(
     def check(facts: Facts) -> Finding:
         candidates = (names if isinstance(names, str) else names(facts)).split()
         if not facts.parameters:
-            return skipped("no parameters were read", "give --link URL, and see that nothing else fills the link")
+            return unread(facts, "the autopilot")
         for name in candidates:
             if name in facts.parameters:
                 return judge(name, facts.parameters[name], facts)
@@ -38,6 +38,15 @@ def parameter(
         return skipped(f"the autopilot has no parameter {' or '.join(candidates)}", ABSENT)
 
     return Rule(rule_id, reads or (names if isinstance(names, str) else "") or rule_id, why, remedy, check, only, poses)
+
+
+def unread(facts: Facts, of: str) -> Finding:
+    """Parameters that are not there, of what `of` names: not asked for, lost on the way, or unknown to the autopilot."""
+    if not facts.parameters and facts.link is None:
+        remedy = "give --link URL"
+    else:
+        remedy = ABSENT if facts.parameters_complete else "see link-parameters"
+    return skipped(f"no parameters of {of}", remedy)
 
 
 def within(good: Callable[[float], bool], set_to: float, level: Level = Level.RED) -> Judge:
