@@ -23,11 +23,16 @@ FIRST_LOG_ODDS = math.log(1 / 40)
 """Of a place that a search of a large region lists."""
 SEEN, SEEN_BY_MISTAKE = 0.8, 0.005
 """Probability of a fix that agrees with the motion where the vehicle is, and where it is not."""
+SURE_BY_MISTAKE = 0.0035
+"""The latter of a fix that is sure (place_search.py): of some 1,350 tests elsewhere one gave a fix that counts, sure or not, so
+that it is less with 95 % confidence."""
 HIT, MISS = math.log(SEEN / SEEN_BY_MISTAKE), math.log((1 - SEEN) / (1 - SEEN_BY_MISTAKE))
+SURE_HIT = math.log(SEEN / SURE_BY_MISTAKE)
 GATE_SIGMA = 4.0
 HOPELESS_LOG_ODDS = FIRST_LOG_ODDS + 1.5 * MISS
 """What was never seen is given up after two misses; a later sweep may list it again."""
-FEWEST_HITS = 4
+FEWEST_HITS, FEWEST_SURE_HITS = 4, 3
+"""So many answers find a place at least; fewer where each of them is sure of itself and all of the map was searched meanwhile."""
 MISS_EVERY_NS = 2_000_000_000
 """Without a fix nobody knows how far the vehicle came: misses count once in so long."""
 VELOCITY_WALK = 0.5
@@ -40,8 +45,8 @@ MOST = 40
 class Hypothesis:
     """A place at `t_ns`: x (4,) metres north, east and the error of the velocity input (m/s), with covariance P (4, 4).
 
-    `hits` and `misses` are answers that count; `counted_ne_m` is where the last hit was, `spacing_m` how far from there the next
-    one counts, `missed_ns` the time of the last miss.
+    `hits` and `misses` are answers that count, `sure_hits` those hits that were sure; `counted_ne_m` is where the last hit was,
+    `spacing_m` how far from there the next one counts, `missed_ns` the time of the last miss.
     """
 
     number: int
@@ -50,6 +55,7 @@ class Hypothesis:
     P: FloatArray
     log_odds: float = FIRST_LOG_ODDS
     hits: int = 0
+    sure_hits: int = 0
     misses: int = 0
     counted_ne_m: Vec2 | None = None
     spacing_m: float = 0.0
@@ -101,7 +107,7 @@ def carried(h: Hypothesis, t_ns: int, travel: Travel) -> Hypothesis:
     return replace(h, t_ns=t_ns, x=x, P=P)
 
 
-def confirmed(h: Hypothesis, place_ne_m: Vec2, cov_ne_m2: Cov2, spacing_m: float) -> Hypothesis:
+def confirmed(h: Hypothesis, place_ne_m: Vec2, cov_ne_m2: Cov2, spacing_m: float, sure: bool = False) -> Hypothesis:
     """After a fix in a search about it. One that the motion does not lead to is a miss."""
     updated = kalman.update(h.x, h.P, np.array(place_ne_m), np.array(cov_ne_m2), H_POSITION, gate_sigma=GATE_SIGMA)
     if isinstance(updated, Rejected):
@@ -109,7 +115,9 @@ def confirmed(h: Hypothesis, place_ne_m: Vec2, cov_ne_m2: Cov2, spacing_m: float
     taken = replace(h, x=updated.x, P=updated.P, tested_ns=h.t_ns)
     if h.counted_ne_m is not None and math.dist(h.counted_ne_m, place_ne_m) < spacing_m:
         return taken
-    return replace(taken, log_odds=h.log_odds + HIT, hits=h.hits + 1, counted_ne_m=place_ne_m, spacing_m=spacing_m)
+    log_odds = h.log_odds + (SURE_HIT if sure else HIT)
+    hits, sure_hits = h.hits + 1, h.sure_hits + sure
+    return replace(taken, log_odds=log_odds, hits=hits, sure_hits=sure_hits, counted_ne_m=place_ne_m, spacing_m=spacing_m)
 
 
 def missed(h: Hypothesis) -> Hypothesis:
@@ -159,9 +167,11 @@ def lead(h: Hypothesis, other: Hypothesis) -> float:
     return min(ahead, HIT * (answers - other.hits) + MISS * (h.misses - other.misses))
 
 
-def winner(hypotheses: Sequence[Hypothesis], risk: float) -> Hypothesis | None:
-    """The hypothesis that is wrong with a probability of at most `risk` and was seen FEWEST_HITS times, if there is one."""
+def winner(hypotheses: Sequence[Hypothesis], risk: float, swept: bool = False) -> Hypothesis | None:
+    """The hypothesis that is wrong with a probability of at most `risk` and was seen often enough, if there is one; `swept`: a
+    place that looks the same would have been looked at, wherever on the map it is."""
     for h in hypotheses:
-        if h.hits >= FEWEST_HITS and probability_wrong(h, hypotheses) <= risk:
+        seen = h.hits >= FEWEST_HITS or (swept and h.sure_hits >= FEWEST_SURE_HITS)
+        if seen and probability_wrong(h, hypotheses) <= risk:
             return h
     return None

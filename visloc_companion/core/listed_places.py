@@ -8,7 +8,7 @@ from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint, NoFix, Vec2
 
 LISTED = 4
-LIKELY, THOROUGH = 0.1, 0.01
+LIKELY, THOROUGH = 0.2, 0.05
 """Of the places that an answer leaves open so many become hypotheses, unless it has them less likely than the second; in thorough
 sweeps, the third."""
 

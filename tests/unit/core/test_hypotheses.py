@@ -19,12 +19,14 @@ def north(metres: float, dt_s: float) -> Travel:
     return Travel((metres, 0.0), ((0.05 * dt_s, 0.0), (0.0, 0.05 * dt_s)), dt_s, by_velocity=True)
 
 
-def flown(n: int, spacing_m: float = 30.0, step_m: float = 40.0, truth_m: float = 40.0, number: int = 1) -> hy.Hypothesis:
+def flown(
+    n: int, spacing_m: float = 30.0, step_m: float = 40.0, truth_m: float = 40.0, number: int = 1, sure: bool = False
+) -> hy.Hypothesis:
     """After n fixes, each `truth_m` further on where the velocity input says `step_m`."""
     h = hy.born(number, 0, (0.0, 0.0), 12.0, 3.0)
     for k in range(n):
         h = hy.carried(h, (k + 1) * 4 * S, north(step_m, 4.0))
-        h = hy.confirmed(h, (truth_m * (k + 1), 0.0), COV, spacing_m)
+        h = hy.confirmed(h, (truth_m * (k + 1), 0.0), COV, spacing_m, sure)
     return h
 
 
@@ -35,6 +37,15 @@ def test_agreeing_answers_add_up_to_the_risk_that_is_stated() -> None:
     wrong = hy.probability_wrong(best, [best])
     assert wrong == pytest.approx(1 / (1 + (hy.SEEN / hy.SEEN_BY_MISTAKE) ** 4 / 40))
     assert wrong <= 1e-5
+
+
+def test_sure_answers_are_fewer_and_no_riskier() -> None:
+    best = flown(3, sure=True)
+    assert hy.winner([best], 1e-5, swept=True) is best
+    assert hy.winner([best], 1e-5) is None  # what looks the same may not have been looked at
+    assert hy.winner([flown(3)], 1.0, swept=True) is None
+    assert hy.winner([flown(2, sure=True)], 1.0, swept=True) is None
+    assert hy.probability_wrong(best, [best]) == pytest.approx(1 / (1 + (hy.SEEN / hy.SURE_BY_MISTAKE) ** 3 / 40))
 
 
 def test_the_error_of_the_velocity_is_learnt() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.core import hypotheses
-from visloc_companion.core.place_search import Found, PlaceSearch, Reach, Where, tile_radius_m
+from visloc_companion.core.place_search import SURE_WRONG, Found, PlaceSearch, Reach, Where, tile_radius_m
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint, NoFix, OpenPlace, Vec2
@@ -33,6 +33,7 @@ class Worker:
     above_ground_m: float | None = None
     ends_m: float | None = None
     """How far from the origin its answers tell that the map ends; None: they do not tell."""
+    seen_from_s: float = 0.0
     asked: list[Where] = field(default_factory=list)
 
     def truth(self, t_s: float) -> Vec2:
@@ -48,6 +49,7 @@ class Worker:
             return NoFix(0, round(t_s * S), *told, Reason.TOO_LOW, 1.0)
         at = self.truth(t_s)
         seen = [p for d in self.doubles if math.dist(p := (at[0] + d[0], at[1] + d[1]), where.place_ne_m) <= 3 * sigma_m]
+        seen = seen if t_s >= self.seen_from_s else []
         if len(seen) == 1 and sigma_m < 100:
             place = wgs84.geo_from_ned((*seen[0], -HEIGHT_M), ORIGIN)
             level, above_m = (1.0, 0.0, 0.0, 0.0), self.above_ground_m
@@ -96,6 +98,24 @@ def test_a_vehicle_anywhere_on_the_map_is_found() -> None:
     assert found.sigma_m < 5.0
 
 
+def test_fewer_sure_answers_find_a_place_once_the_whole_map_was_searched() -> None:
+    """A quarter of the height, 3 s, sooner, and as unlikely to be false; an answer that is less sure is one of four."""
+    found, t_s = searched(sure := Worker(claim=SURE_WRONG, seen_from_s=40.0), 90.0)
+    doubtful, later_s = searched(Worker(claim=1.1 * SURE_WRONG, seen_from_s=40.0), 90.0)
+    assert found is not None
+    assert doubtful is not None
+    assert (found.hits, doubtful.hits) == (hypotheses.FEWEST_SURE_HITS, hypotheses.FEWEST_HITS)
+    assert math.dist(found.place_ne_m, sure.truth(t_s)) < 3.0
+    assert max(found.probability_wrong, doubtful.probability_wrong) <= 1e-5
+    assert 2.0 < later_s - t_s < 5.0
+
+
+def test_before_the_whole_map_was_searched_sure_answers_do_not_suffice() -> None:
+    found = searched(Worker(claim=SURE_WRONG), 60.0)[0]
+    assert found is not None
+    assert found.hits == hypotheses.FEWEST_HITS
+
+
 def test_an_autopilot_that_knows_of_no_motion_is_no_obstacle() -> None:
     worker = Worker()
     found, t_s = searched(worker, 60.0, v_ne_mps=(0.0, 0.0))
@@ -126,6 +146,11 @@ def test_mountains_all_around_the_start_are_not_the_edge_of_the_map() -> None:
     found, t_s = searched(worker, 130.0)
     assert found is not None
     assert math.dist(found.place_ne_m, worker.truth(t_s)) < 5.0
+
+
+@pytest.mark.parametrize("places", [((0.0, 0.0), (0.0, 600.0)), ((0.0, 500.0), (0.0, -500.0)), ((0.0, 0.0), (1200.0, -1200.0))])
+def test_a_place_that_repeats_itself_has_no_answer_however_sure(places: tuple[Vec2, ...]) -> None:
+    assert searched(Worker(doubles=places, claim=1e-6), 120.0)[0] is None
 
 
 def test_doubtful_fixes_find_nothing() -> None:
