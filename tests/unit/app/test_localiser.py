@@ -43,9 +43,10 @@ FISHEYE = CameraConfig(
 
 
 class _NoMap:
-    """protocols.ReferenceMap of another continent."""
+    """protocols.ReferenceMap of another continent, which says where it ends."""
 
     gsd_m = 0.5
+    corners_map_m = np.array([[1e7, 1e7], [1.001e7, 1e7], [1e7, 1.001e7], [1.001e7, 1.001e7]])
 
     def __getattr__(self, name: str) -> Any:
         def outside(*_: object, **__: object) -> Any:
