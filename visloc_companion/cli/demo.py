@@ -15,7 +15,7 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for the report, the journal and the logs.")] = Path("demo-out"),
     dialect: Annotated[str, typer.Option(help="What the built-in autopilot behaves like: ardupilot or px4.")] = "ardupilot",
     speed: Annotated[
-        float | None, typer.Option(min=0.25, max=4.0, help="Times real time; 2 unless given, less on a busy computer.")
+        float | None, typer.Option(min=0.25, max=4.0, help="Times real time; 2 unless given, less on a busy or slow computer.")
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
 ) -> None:

@@ -14,7 +14,7 @@ from visloc_companion.evaluate.campaign import result_of
 from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, FlightWorld, FlownScenario, fault_intervals, fly, judged
 from visloc_companion.evaluate.core_waits import CoreWaits, load_waits
 from visloc_companion.evaluate.demo_processes import WAITS, Stage, fly_processes, journal_of, require_ours
-from visloc_companion.evaluate.free_cores import affordable_speed, free_cores
+from visloc_companion.evaluate.free_cores import affordable_speed, free_cores, slower
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.map_image import map_image
 from visloc_companion.evaluate.record import from_entries
@@ -60,7 +60,7 @@ class DemoResult:
 def run_demo(out: Path, dialect: AutopilotKind, speed: float | None, on_stage: Stage) -> DemoResult:
     """Make the world, fly with the daemon and without, judge, and write `out/report.html`.
 
-    `speed`: times real time; None for FULL_SPEED, or less where other work leaves less of the computer.
+    `speed`: times real time; None for FULL_SPEED, or less where other work leaves less of the computer, or its cores are slow.
 
     Raises LinkError where one of the processes ended early, with the end of its log, ConfigError where `out` cannot be made or
     holds what another than the demonstration left there, ConfigError or ModelError before anything is made where the
@@ -104,8 +104,8 @@ def run_demo(out: Path, dialect: AutopilotKind, speed: float | None, on_stage: S
 
 
 def _affordable(on_stage: Stage) -> float:
-    cores = free_cores()
-    speed = affordable_speed(FULL_SPEED, cores)
+    cores, longer = free_cores(), slower()
+    speed = affordable_speed(FULL_SPEED, cores, longer)
     if speed < FULL_SPEED:
-        on_stage(f"other work leaves {cores:.1f} cores: the flight goes slower")
+        on_stage(f"{cores:.1f} cores are free, each needs {longer:.1f} times as long as usual: the flight goes slower")
     return speed

@@ -1,10 +1,17 @@
-"""How much of this computer is free: other work on it would make a flight in real time late."""
+"""How much of this computer is free, and how fast it is: other work, or slow cores, would make a flight in real time late."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+import time
+from statistics import median
+
+import cv2
+import numpy as np
+
+from visloc_companion.types import FloatArray
 
 PROBE = """
 import time
@@ -16,6 +23,9 @@ print((time.process_time() - used) / {seconds})
 NEEDED_CORES = 1.5
 """At the demonstration's full speed, twice real time: 200 s of flight take three processes 132 s of CPU, in bursts."""
 LEAST_SPEED = 0.4
+QUIET_S = 8.36e-3
+"""CPU seconds of `search_work_s` on the computer of NEEDED_CORES, with nothing beside it."""
+SIDE, TIMES = 768, 15
 
 
 def free_cores(seconds: float = 1.5, most: int = 2) -> float:
@@ -26,6 +36,32 @@ def free_cores(seconds: float = 1.5, most: int = 2) -> float:
     return sum(float(probe.communicate()[0]) for probe in probes)
 
 
-def affordable_speed(most: float, cores: float) -> float:
-    """Times real time that a flight may go on so many free cores, `most` at most."""
-    return min(most, max(LEAST_SPEED, most * cores / NEEDED_CORES))
+def search_field() -> FloatArray:
+    """What `search_work_s` computes with: (768, 768, 2), drawn once and for all."""
+    return np.random.default_rng(1).standard_normal((SIDE, SIDE, 2)).astype(np.float32)
+
+
+def search_work_s(field: FloatArray) -> float:
+    """CPU seconds of a fixed piece of work of the map search's kind: a correlation by Fourier transforms."""
+    begun = time.process_time()
+    spectrum = cv2.dft(field, flags=cv2.DFT_COMPLEX_OUTPUT)
+    product = cv2.mulSpectrums(spectrum, spectrum, 0, conjB=True)
+    score = cv2.idft(product)[..., 0]
+    np.maximum(score, 0.0).max()
+    return time.process_time() - begun
+
+
+def slower() -> float:
+    """By what factor a core of this computer takes longer for the search's kind of work than the one of QUIET_S, at least 1."""
+    field, threads = search_field(), cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        return max(1.0, median(search_work_s(field) for _ in range(TIMES)) / QUIET_S)
+    finally:
+        cv2.setNumThreads(threads)
+
+
+def affordable_speed(most: float, cores: float, longer: float = 1.0) -> float:
+    """Times real time that a flight may go on so many free cores, `most` at most; `longer`: by what factor a search, half of
+    all CPU time, takes longer on them."""
+    return min(most, max(LEAST_SPEED, most * cores / (NEEDED_CORES * (1 + longer) / 2)))

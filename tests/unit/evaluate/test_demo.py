@@ -280,9 +280,12 @@ def fly_here(world: ProceduralWorld, monkeypatch: pytest.MonkeyPatch) -> Callabl
     return prepare
 
 
-@pytest.mark.parametrize(("cores", "speed"), [(2.0, 2.0), (1.5, 2.0), (0.75, 1.0), (0.05, 0.4)])
-def test_on_a_busy_computer_the_flight_goes_slower(
-    world: ProceduralWorld, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cores: float, speed: float
+@pytest.mark.parametrize(
+    ("cores", "longer", "speed"),
+    [(2.0, 1.0, 2.0), (1.5, 1.0, 2.0), (0.75, 1.0, 1.0), (0.05, 1.0, 0.4), (1.5, 2.0, 4 / 3), (2.0, 1.5, 2.0)],
+)
+def test_on_a_busy_or_slow_computer_the_flight_goes_slower(
+    world: ProceduralWorld, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cores: float, longer: float, speed: float
 ) -> None:
     flown: list[float] = []
 
@@ -294,6 +297,7 @@ def test_on_a_busy_computer_the_flight_goes_slower(
     for name, stand_in in (("open_features_for", lambda *_: None), ("procedural_world", lambda *_, **__: world)):
         monkeypatch.setattr(demo, name, stand_in)
     monkeypatch.setattr(demo, "free_cores", lambda: cores)
+    monkeypatch.setattr(demo, "slower", lambda: longer)
     monkeypatch.setattr(demo, "fly_processes", fly)
     for asked in (None, 3.0):
         with pytest.raises(LinkError, match="far enough"):
