@@ -24,7 +24,8 @@ NEEDED_CORES = 1.5
 """At the demonstration's full speed, twice real time: 200 s of flight take three processes 132 s of CPU, in bursts."""
 LEAST_SPEED = 0.4
 QUIET_S = 8.36e-3
-"""CPU seconds of `search_work_s` on the computer of NEEDED_CORES, with nothing beside it."""
+"""CPU seconds of `search_work_s` on the computer that docs/benchmarks.md states times for, with nothing beside it. That it was
+the one of NEEDED_CORES is an assumption."""
 SIDE, TIMES = 768, 15
 
 
@@ -62,6 +63,6 @@ def slower() -> float:
 
 
 def affordable_speed(most: float, cores: float, longer: float = 1.0) -> float:
-    """Times real time that a flight may go on so many free cores, `most` at most; `longer`: by what factor a search, half of
-    all CPU time, takes longer on them."""
+    """Times real time that a flight may go on so many free cores, `most` at most; `longer`: by what factor a search takes longer
+    on them, which is taken to be half of the CPU time (an assumption)."""
     return min(most, max(LEAST_SPEED, most * cores / (NEEDED_CORES * (1 + longer) / 2)))
