@@ -30,7 +30,8 @@ def missed(simulator: Simulator, flown: tuple) -> list[str]:
     """What a flight was asked and did not keep."""
     scenario, log = flown
     figures = real_figures(log, scenario)
-    return [f"{check.name}: {check.value}" for check in checks(figures, scenario, simulator) if not check.passed]
+    found = [f"{check.name}: {check.value}" for check in checks(figures, scenario, simulator) if not check.passed]
+    return [*found, "(this computer was too busy for this flight: fly again)"] if found and figures.starved else found
 
 
 def alone_m(simulator: Simulator) -> float | None:

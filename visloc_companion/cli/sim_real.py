@@ -50,6 +50,12 @@ def fly_real(autopilot: str, vehicle: str, name: str, seed: int, with_daemon: bo
             if json_file is not None:
                 record = real_record(log, Path(kept))
                 write_result(record, real_result(log, scenario, simulator, figures, judged, record), json_file)
+    if figures.starved:
+        typer.echo(
+            f"warning: this computer was too busy for a flight at {SPEED:g} times real time, which shows nothing then; "
+            "remedy: end other work, and fly again",
+            err=True,
+        )
     if not all(check.passed for check in judged):
         raise typer.Exit(1)
 

@@ -36,6 +36,9 @@ LATE_S, STARVED = 0.15, 0.01
 """A position is late when it comes so long after the one before (10 Hz). Where more than this share of them is, the machine was
 too busy for the speed of the flight, which shows nothing then and must be flown again. With 1.4 % EKF2 once dropped
 all for 9 s."""
+SLOW_S = 0.2
+"""So does EKF2 with positions that reach it older than that (EKF2_DELAY_MAX), however evenly they come: where more than STARVED
+of the round trips take longer, the machine was too busy as well."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +50,8 @@ class RealFigures:
     `NOTICED_S` and `PROBATION_S` allow. `pulled_m`: how far the estimate, and with it the vehicle, was off while a dragged
     receiver was flown on. `touch_down_mps`: the sideways speed at which a copter touched the ground. `gap_s`: the longest time
     without a position sent, on vision. `settled_s`: the longest time from a deliberate jump of the fixes until the autopilot was
-    within 3 m of them again. `late_share`: see STARVED. `strayed_m`: how far the estimate was off at most after the jam, in the
-    air, where no daemon helped.
+    within 3 m of them again. `late_share`: see STARVED. `slow_share`: of round trips on vision, see SLOW_S. `strayed_m`: how far
+    the estimate was off at most after the jam, in the air, where no daemon helped.
     """
 
     vision_s: float
@@ -65,12 +68,13 @@ class RealFigures:
     gap_s: float | None
     settled_s: float | None
     late_share: float | None
+    slow_share: float | None = None
     strayed_m: float | None = None
 
     @property
     def starved(self) -> bool:
         """Whether the machine was too busy for this flight to show anything."""
-        return self.late_share is not None and self.late_share > STARVED
+        return any(share is not None and share > STARVED for share in (self.late_share, self.slow_share))
 
 
 def real_figures(log: RealLog, scenario: RealScenario) -> RealFigures:
@@ -102,6 +106,7 @@ def real_figures(log: RealLog, scenario: RealScenario) -> RealFigures:
         gap_s=max([*gaps, silent_s]) if on_vision else None,
         settled_s=max((_settled_s(on_vision, at_s) for at_s in jumps), default=None),
         late_share=float(np.mean(np.array(gaps) > LATE_S)) if gaps else None,
+        slow_share=_slow_share(log, on_vision),
         strayed_m=None if scenario.with_daemon else _percentile(_errors(_unaided(flown, log)), 100),
     )
 
@@ -179,6 +184,13 @@ def _gaps_s(log: RealLog, on_vision: Sequence[RealSample]) -> tuple[list[float],
     begun_s, ended_s = on_vision[0].t_s, on_vision[-1].t_s
     sent_s = [t_s for t_s in log.injected_s if begun_s <= t_s <= ended_s]
     return [b - a for a, b in itertools.pairwise(sent_s)], ended_s - max(sent_s, default=begun_s)
+
+
+def _slow_share(log: RealLog, on_vision: Sequence[RealSample]) -> float | None:
+    if not on_vision:
+        return None
+    took_s = [s for t_s, s in log.round_trips if on_vision[0].t_s <= t_s <= on_vision[-1].t_s]
+    return float(np.mean(np.array(took_s) > SLOW_S)) if took_s else None
 
 
 def _settled_s(samples: Sequence[RealSample], jumped_s: float) -> float:

@@ -82,7 +82,7 @@ def one_life(folder: Path, from_s: int, to_s: int) -> None:
     journal.close()
 
 
-def flown(with_daemon: bool) -> Callable[..., RealLog]:
+def flown(with_daemon: bool, round_trip_s: float = 0.01) -> Callable[..., RealLog]:
     def fly_apart(*_: object, keep: Path, **__: object) -> RealLog:
         if with_daemon:
             one_life(keep, 0, DIED_S)
@@ -90,7 +90,11 @@ def flown(with_daemon: bool) -> Callable[..., RealLog]:
         samples = [sample(k * 0.1) for k in range(FLOWN_S * 10)]
         marks = [(0.0, "begun"), (float(JAMMED_S), "jam"), (float(FLOWN_S), "over")]
         return RealLog(
-            version="ardupilot 4.7.0", samples=samples, marks=marks, failsafes=[] if with_daemon else [(20.0, "EKF Failsafe")]
+            version="ardupilot 4.7.0",
+            samples=samples,
+            marks=marks,
+            failsafes=[] if with_daemon else [(20.0, "EKF Failsafe")],
+            round_trips=[(float(k), round_trip_s) for k in range(FLOWN_S)],
         )
 
     return fly_apart
@@ -126,6 +130,18 @@ def test_the_epochs_of_all_lives_of_the_daemon_stand_beside(monkeypatch: pytest.
         times = [float(row["t_s"]) for row in csv.DictReader(file)]
     assert times == sorted(times)
     assert len(times) == (FLOWN_S - (CAME_BACK_S - DIED_S)) * 10
+
+
+@pytest.mark.parametrize(("round_trip_s", "busy"), [(0.01, False), (0.3, True)])
+def test_a_computer_that_was_too_busy_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, round_trip_s: float, busy: bool
+) -> None:
+    typed = typer.Typer()
+    typed.command()(sim)
+    monkeypatch.setattr(apart, "fly_apart", flown(True, round_trip_s))
+    monkeypatch.setenv("VISLOC_ARDUCOPTER", sys.executable)
+    done = CliRunner().invoke(typed, ["--autopilot", "ardupilot", "--scenario", "jam"], catch_exceptions=False)
+    assert ("too busy for a flight at 2 times real time, which shows nothing then; remedy: end other work" in done.stderr) is busy
 
 
 def test_without_the_daemon_nothing_is_expected(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -43,7 +43,8 @@ class RealSample:
 class RealLog:
     """A flight: samples, what the autopilot said, its failsafes, when things happened and positions went out (s of its clock).
 
-    `version` is what the autopilot says it is, `build` the hash of its sources.
+    `version` is what the autopilot says it is, `build` the hash of its sources. `round_trips`: when the daemon's TIMESYNC
+    requests were answered, and how long each took, s.
     """
 
     program: str = ""
@@ -55,6 +56,7 @@ class RealLog:
     failsafes: list[tuple[float, str]] = field(default_factory=list)
     marks: list[tuple[float, str]] = field(default_factory=list)
     injected_s: list[float] = field(default_factory=list)
+    round_trips: list[tuple[float, float]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
     def at(self, mark: str) -> float | None:

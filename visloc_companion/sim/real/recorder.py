@@ -24,6 +24,7 @@ from visloc_companion.types import (
     Notice,
     OriginChanged,
     SourceSwitched,
+    TimesyncSample,
     Vec3,
 )
 
@@ -144,6 +145,8 @@ class Recorder:
             self.switched(event.source)
         elif isinstance(event, OriginChanged):
             self._origin = event.origin
+        elif isinstance(event, TimesyncSample):
+            self.log.round_trips.append((self._t_boot_ns * 1e-9, (event.t_rx_ns - event.t_sent_ns) * 1e-9))
         elif isinstance(event, LinkChanged) and event.version:
             self.log.version = f"{event.autopilot.value} {event.version}"
         if self.journal is not None:

@@ -14,7 +14,7 @@ from visloc_companion.sim.real.pilot import HOME, Truth
 from visloc_companion.sim.real.record import COLUMNS, RealLog, write_csv
 from visloc_companion.sim.real.recorder import Recorder, moved
 from visloc_companion.sim.real.station import Station
-from visloc_companion.types import EkfSource, Injection, OriginChanged, SourceSwitched
+from visloc_companion.types import EkfSource, Injection, OriginChanged, SourceSwitched, TimesyncSample
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 
@@ -75,6 +75,12 @@ def test_an_autopilot_that_falls_silent_has_no_estimate(recorder: Recorder) -> N
         tell(recorder, sim_state(0.0, 0.0))
     assert [sample.estimate_p_ned_m is None for sample in recorder.log.samples] == [False, True]
     assert recorder.log.samples[-1].t_s == pytest.approx(1.4)
+
+
+def test_round_trips_are_kept_with_the_time_of_their_answer(recorder: Recorder) -> None:
+    tell(recorder, mav.MAVLink_attitude_quaternion_message(2000, *LEVEL, 0, 0, 0))
+    recorder.event(0, TimesyncSample(1_620_000_000, 1_000_000_000, 1_300_000_000))
+    assert recorder.log.round_trips == [(2.0, pytest.approx(0.62))]
 
 
 def test_the_phase_is_what_the_autopilot_confirmed(recorder: Recorder, tmp_path: Path) -> None:
