@@ -54,7 +54,8 @@ INERTIAL_DRIFT_MPS2 = 0.03
 """Growth of that sigma while the velocity rests on our own dead reckoning only."""
 ORDINARY_NIS = 6.0
 """A normalised squared innovation that one position in 20 exceeds. Beyond it, up to the gate, it is rather wrong than unlikely:
-its covariance is raised until it would be ordinary, so that it hardly moves the velocity."""
+its covariance is raised until it would be ordinary, so that it hardly moves the velocity. Where the filter is far less sure than
+a fix, and another one said the same, the filter is what is wrong, and its covariance is raised so."""
 TILT_MPS2_PER_M = 0.15
 """While we inject, a correction of our position tilts the autopilot's attitude, by which accelerations are turned: so much
 acceleration for a metre, three times what ArduCopter shows (docs/decisions/0021-corrections-tilt-the-autopilot.md)."""
@@ -200,7 +201,8 @@ def _more_m2ps2(belief: Belief, sigma_mps: float, settings: NavigatorSettings) -
 def observed(
     belief: Belief, z: Position, settings: NavigatorSettings, max_step_m: float = MAX_STEP_M
 ) -> tuple[Belief, Accepted | Rejected]:
-    """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last.
+    """The belief after a position at its own time. Rejected fixes that agree with each other restart it at last. One that would
+    carry it far, and further than it knows to have drifted, is rejected until another one says the same.
 
     `max_step_m`: larger corrections reach the autopilot as resets (`injection.max_step_m`).
     """
@@ -220,25 +222,33 @@ def observed(
         gate_extra_m2=extra_m2,
         n_considered=considered,
     )
+    surprises = isinstance(got, kalman.Updated) and got.nis > ORDINARY_NIS
+    drifted = surprises and z.from_fix and refused.far(belief, cov)
+    if drifted and not refused.repeated(belief, z, settings):
+        drifted = False
+        got = Rejected(Reason.GATED, got.nis) if refused.soon_another(belief) else got
     if isinstance(got, kalman.Updated):
         off_m, seen_m2 = at - H @ belief.x, H @ belief.P @ H.T
         S = seen_m2 + R + extra_m2 * np.eye(2)
         if z.from_fix:
             white_ne = lean.whitened(off_m, S)
             belief = belief._replace(claims=claims.learned(belief.claims, z.method, white_ne))
-        if got.nis > ORDINARY_NIS:
-            R = R + (got.nis / ORDINARY_NIS - 1) * S
-            less = kalman.update(belief.x, belief.P, at, R, H, n_considered=considered)
-            got = replace(less, nis=got.nis) if isinstance(less, kalman.Updated) else less
+        before, innovation_m2 = belief, seen_m2 + R
+        if surprises:
+            more_m2 = (got.nis / ORDINARY_NIS - 1) * S
+            innovation_m2 = innovation_m2 + more_m2
+            before, R = (refused.drifted(belief, more_m2), R) if drifted else (belief, R + more_m2)
+            anew = kalman.update(before.x, before.P, at, R, H, n_considered=considered)
+            got = replace(anew, nis=got.nis) if isinstance(anew, kalman.Updated) else anew
     if isinstance(got, kalman.Updated):
         without, same = _others(belief, z, R, H, considered), _alike(belief, z, cov, got.x)
-        after = _tilted(belief._replace(x=got.x, P=got.P, without=without, alike=same), belief, max_step_m)
-        after = _suspected(after, belief, z, got.nis / 2, seen_m2 + R)
+        after = _tilted(belief._replace(x=got.x, P=got.P, without=without, alike=same), before, max_step_m)
+        after = _suspected(after, belief, z, got.nis / 2, innovation_m2)
         if not z.from_fix:
             return after, Accepted(got.nis)
-        if got.nis <= ORDINARY_NIS:
+        if drifted or not surprises:
             after = _agreed(after, z)
-        return _leant(_fixed(after, z), belief.lean, off_m, seen_m2 + R), Accepted(got.nis)
+        return _leant(_fixed(after, z), belief.lean, off_m, innovation_m2), Accepted(got.nis)
     if not z.from_fix or got.reason is not Reason.GATED:
         return belief, got
     belief = refused.remembering(belief, z)

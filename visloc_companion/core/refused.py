@@ -18,6 +18,7 @@ from visloc_companion.core.propagation import (
     Drive,
     initial_covariance,
 )
+from visloc_companion.core.second_opinion import FAR
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray
 
@@ -27,6 +28,34 @@ DOUBT_AFTER = 2
 DOUBT_MPS = 4.0
 MAX_DOUBT_MPS = 12.0
 """Added 1-sigma of the velocity error for each rejection from the second on, and where that ends."""
+OFTEN_S = 1.0
+"""Where fixes come no further apart in the mean, one that surprises a filter waits for another."""
+
+
+def far(belief: Belief, cov_m2: FloatArray) -> bool:
+    """Whether a filter is far less sure of its position than a fix with this covariance (2, 2) is of its own."""
+    own_m2 = belief.P[POSITION, POSITION]
+    return float(np.linalg.norm(own_m2, 2)) > FAR**2 * float(np.linalg.norm(cov_m2, 2))
+
+
+def soon_another(belief: Belief) -> bool:
+    """Whether fixes come often, or too few have been taken to tell."""
+    return belief.fix_every_s <= OFTEN_S
+
+
+def repeated(belief: Belief, z: Position, settings: NavigatorSettings) -> bool:
+    """Whether a fix says what one that was refused lately said."""
+    sigma_v_mps = max(belief.sigma_v_mps, settings.velocity_sigma_aiding_mps)
+    now = _candidate(belief, z)
+    lately = (each for each in belief.rejected if z.t_ns - each.t_ns <= relocalise.SPAN_S * 1e9)
+    return any(relocalise.coincide(each, now, sigma_v_mps, settings.gate_sigma) for each in lately)
+
+
+def drifted(belief: Belief, more_m2: FloatArray) -> Belief:
+    """A filter that has drifted by more than it knew of: with this covariance (2, 2) added to its position's."""
+    P = belief.P.copy()
+    P[POSITION, POSITION] += more_m2
+    return belief._replace(P=P)
 
 
 def dragged(belief: Belief, sigma_m: float) -> Belief:
@@ -55,10 +84,14 @@ def offset(belief: Belief, z: Position, after_x: FloatArray, among: alike.Alike)
 
 def remembering(belief: Belief, z: Position) -> Belief:
     """With a rejected fix kept in mind."""
-    anchor = (z.p_ne_m[0] - belief.moved_ne_m[0], z.p_ne_m[1] - belief.moved_ne_m[1])
-    new = relocalise.Candidate(z.t_ns, z.p_ne_m, anchor, z.cov_ne_m2, z.method)
+    new = _candidate(belief, z)
     contradicting = relocalise.remembered(belief.contradicting, new)
     return belief._replace(rejected=relocalise.remembered(belief.rejected, new), contradicting=contradicting)
+
+
+def _candidate(belief: Belief, z: Position) -> relocalise.Candidate:
+    anchor = (z.p_ne_m[0] - belief.moved_ne_m[0], z.p_ne_m[1] - belief.moved_ne_m[1])
+    return relocalise.Candidate(z.t_ns, z.p_ne_m, anchor, z.cov_ne_m2, z.method)
 
 
 def doubting(belief: Belief, z: Position) -> Belief:
