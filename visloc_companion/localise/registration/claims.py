@@ -70,10 +70,10 @@ def probability_wrong(e: Evidence) -> float:
 
 def at_least(wrong: float, e: Evidence) -> float:
     """The probability in view of what could not be compared; at least a half where another place is as likely, by the whole or by
-    the parts, the place is far from the prior, or the reliefs are too unlike."""
+    the parts, the place is far from the prior, or the reliefs are too unlike or may be steps of rounded heights."""
     wrong = in_view_of_unseen(wrong, e.unseen)
     ambiguous = lead(e) < LEAST_LEAD or e.parts_lead < LEAST_PARTS_LEAD
-    return max(wrong, 0.5) if ambiguous or e.prior_chi2 > MOST_CHI2 or unlike(e) else wrong
+    return max(wrong, 0.5) if ambiguous or e.prior_chi2 > MOST_CHI2 or unlike(e) or e.terraced else wrong
 
 
 def in_view_of_unseen(wrong: float, unseen: float) -> float:
@@ -119,6 +119,6 @@ def _floor_m2(e: Evidence, prior: RegistrationPrior) -> FloatArray:
 
 def _reason(e: Evidence) -> Reason:
     """Which of the evidence is worst."""
-    if e.relief_m < FLAT_M or e.formal_sigma_m > LOOSE_M:
+    if e.relief_m < FLAT_M or e.formal_sigma_m > LOOSE_M or e.terraced:
         return Reason.LOW_TEXTURE
     return Reason.AMBIGUOUS if e.score - e.rival < CLEAR_LEAD else Reason.NO_MATCH

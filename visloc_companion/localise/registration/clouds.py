@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.localise.registration.sampling import distinct
 from visloc_companion.types import FloatArray
 
 FEWEST_POINTS = 50
@@ -36,13 +37,13 @@ def checked(points_m: FloatArray, name: str) -> FloatArray:
 
 
 def density_per_m2(points_m: FloatArray) -> float:
-    """Points per square metre of the ground that they cover."""
+    """Points per square metre of the ground that they cover; what a file has twice counts once."""
     cells = np.floor(points_m[:, :2] / DENSITY_CELL_M).astype(np.int64)
     cells -= cells.min(0)
     rows, cols = (int(n) + 1 for n in cells.max(0))
     index = cells[:, 0] * cols + cells[:, 1]
     covered = np.count_nonzero(np.bincount(index)) if rows * cols <= SPREAD * len(index) else len(np.unique(index))
-    return len(points_m) / (covered * DENSITY_CELL_M**2)
+    return distinct(points_m) / (covered * DENSITY_CELL_M**2)
 
 
 def middle_m(points_m: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.registration.base import RegistrationPrior
+from visloc_companion.localise.registration.clouds import UP
 from visloc_companion.localise.registration.handicap import of_similarity
 from visloc_companion.localise.registration.pair import Pair
 from visloc_companion.localise.registration.parts import parts_lead
@@ -24,6 +25,9 @@ FEWEST_IN_BLOCK = 12
 BLOCK_AGREES = 0.3
 """Correlation of a block's relief from which it agrees."""
 LEAST_VARIANCE_M2 = 1e-6
+LEAST_STEPS = 1.5
+"""Sigmas of their rounding. Of 40 cases in gullies and on a lawn (seed 502) with heights in steps of 0.5 or 1 m, those that were
+off by more than 0.8 of their level had a relief of 0.9 to 1.25 of these, one of 1.6."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +41,8 @@ class Evidence:
     but the height, which a rival's score lacks as well;
     `refined_rival` is `rival` but of refined places by their score after that, as this one's is;
     `source_relief_m` is `relief_m` of the source, on the same cells; `parts_lead` as parts.py; `unseen` as correlation.Scores;
-    `source_strays` and `reference_strays`: numbers of points that were left out (pair.Pair)."""
+    `source_strays` and `reference_strays`: numbers of points that were left out (pair.Pair); `rounding_m`: sigma of what heights
+    in steps are off by, in the cloud that has the larger ones."""
 
     correlation: float
     overlap: float
@@ -55,6 +60,13 @@ class Evidence:
     unseen: float = 0.0
     source_strays: float = 0.0
     reference_strays: float = 0.0
+    rounding_m: float = 0.0
+
+    @property
+    def terraced(self) -> bool:
+        """Whether a relief may be the steps of heights that were rounded: two clouds in whole metres agree where their steps lie
+        alike, which is beside the place."""
+        return min(self.relief_m, self.source_relief_m) < LEAST_STEPS * self.rounding_m
 
     @property
     def score(self) -> float:
@@ -128,6 +140,7 @@ def evidence_of(
         unseen,
         float(pair.strays[0]),
         float(pair.strays[1]),
+        math.sqrt(max(float(s.unknown_m2[UP]) for s in pair.sampling)),
     )
 
 

@@ -49,7 +49,7 @@ class HeightMap:
 
 def upper_surface(points_m: FloatArray, cell_m: float, parts: int) -> HeightMap:
     """The surface of (N, 3) points on cells of a size, each of so many parts along its side."""
-    fine = _highest(points_m, cell_m / parts, parts)
+    fine = _highest(points_m, cell_m, parts)
     weight = _without_spikes(fine).astype(np.float32)
     rows, cols = (n // parts for n in weight.shape)
     blocks = (rows, parts, cols, parts)
@@ -91,24 +91,28 @@ def _without_plane(heights: HeightMap) -> HeightMap:
     return HeightMap(flat.astype(np.float32), heights.known, heights.corner_m, heights.cell_m)
 
 
-def _highest(points_m: FloatArray, cell_m: float, multiple: int) -> HeightMap:
-    """The highest point of each cell; sides are multiples of `multiple` cells."""
-    corner = np.array([_corner(points_m[:, axis], cell_m) for axis in (0, 1)])
-    index = np.floor((points_m[:, :2] - corner) / cell_m).astype(np.int64)
-    cols, rows = (-(-(int(n) + 1) // multiple) * multiple for n in index.max(0))
+def _highest(points_m: FloatArray, cell_m: float, parts: int) -> HeightMap:
+    """The highest point of each part of a cell; sides are whole cells."""
+    part = cell_m / parts
+    corner = np.array([_corner(points_m[:, axis], (cell_m, part)) for axis in (0, 1)])
+    index = np.floor((points_m[:, :2] - corner) / part).astype(np.int64)
+    cols, rows = (-(-(int(n) + 1) // parts) * parts for n in index.max(0))
     height = np.full(rows * cols, -np.inf, np.float32)
     np.maximum.at(height, index[:, 1] * cols + index[:, 0], points_m[:, 2].astype(np.float32))
     known = height > -np.inf
     shape = (rows, cols)
-    return HeightMap(np.where(known, height, 0).reshape(shape), known.reshape(shape), corner, cell_m)
+    return HeightMap(np.where(known, height, 0).reshape(shape), known.reshape(shape), corner, part)
 
 
-def _corner(along_m: FloatArray, cell_m: float) -> float:
-    """Where the first cell of an axis begins: at the first point, or before it where that leaves the points to one side of their
-    cells, as the samples of a raster are whose spacing the cells are a multiple of."""
+def _corner(along_m: FloatArray, sides_m: tuple[float, ...]) -> float:
+    """Where the first cell of an axis begins: at the first point, or before it where that leaves the points to one side of cells
+    of one of these sides, the samples of a raster of which the side is a multiple, or of the side its spacing."""
     first = float(along_m.min())
-    aside = float(np.mod((along_m - first) / cell_m, 1).mean()) - 0.5
-    return first + aside * cell_m if aside < -ASIDE else first
+    for side in sides_m:
+        aside = float(np.mod((along_m - first) / side, 1).mean()) - 0.5
+        if aside < -ASIDE:
+            return first + aside * side
+    return first
 
 
 def _without_spikes(heights: HeightMap) -> Mask:

@@ -19,6 +19,7 @@ from visloc_companion.localise.registration.clouds import (
     without_strays,
 )
 from visloc_companion.localise.registration.height_map import HeightMap, high_passed, smoothed, upper_surface
+from visloc_companion.localise.registration.sampling import Sampling, sampling_of
 from visloc_companion.types import FloatArray
 
 FINEST_PART_M = 0.5
@@ -34,6 +35,7 @@ MOST_PARTS = 4096
 SMOOTHING_CELLS = 0.6
 STRAY_SHARE = 0.05
 """Source points farther out than this share of the width of 99.8 % of them are strays."""
+ROUNDED = 1e-6
 SIGMAS = 3.0
 """The prior is searched, and the reference looked at, so far."""
 
@@ -43,7 +45,7 @@ class Pair:
     """Points in metres, `reference_m` only what the prior reaches; smoothed surfaces and what stands out of them (`relief`).
 
     `centre_m` (3,) is the source's middle, about which it is turned and scaled; `strays` the numbers of points of source and of
-    reference that were left out (clouds.without_strays).
+    reference that were left out (clouds.without_strays), `sampling` how the two were sampled.
     """
 
     source_m: FloatArray
@@ -53,6 +55,7 @@ class Pair:
     reference: HeightMap
     source_relief: HeightMap
     reference_relief: HeightMap
+    sampling: tuple[Sampling, Sampling]
     strays: tuple[int, int] = (0, 0)
 
     @property
@@ -82,14 +85,23 @@ def make_pair(source_m: FloatArray, reference_m: FloatArray, prior: Registration
     if len(reference) < FEWEST_POINTS:
         what = f"the reference has {len(reference)} points where the prior reaches, fewer than {FEWEST_POINTS}"
         return NotRegistered(Reason.OUTSIDE_MAP, what)
-    density = density_per_m2(reference)
+    density, sampling = density_per_m2(reference), (sampling_of(source), sampling_of(reference))
+    source, reference = (s.spread(points) for s, points in zip(sampling, (source, reference), strict=True))
     side = max(float(np.ptp(points[:, :2], axis=0).max()) for points in (source, reference))
     finest = max(FINEST_PART_M, side / MOST_PARTS)
-    part = max(finest, 1 / math.sqrt(density))
+    part = _part_m(1 / math.sqrt(density), finest, sampling[1].spacing_m)
     parts = max(1, round(USUAL_CELL_M / part), math.ceil(side / (MOST_CELLS * part)))
     cell = max(part * parts, LEAST_CELL_M)
     surfaces = [upper_surface(source, cell, max(1, int(cell / finest))), upper_surface(reference, cell, parts)]
     smooth = [smoothed(surface, SMOOTHING_CELLS * cell) for surface in surfaces]
     of_source, of_reference = smooth
     reliefs = high_passed(of_source), high_passed(of_reference)
-    return Pair(source, reference, centre, of_source, of_reference, *reliefs, strays=(strays[0], strays[1]))
+    return Pair(source, reference, centre, of_source, of_reference, *reliefs, sampling, strays=(strays[0], strays[1]))
+
+
+def _part_m(spacing_m: float, finest_m: float, step_m: float) -> float:
+    """The side of a part, at least the finest: about the points' spacing, of a raster whole steps. In cells of 1.02 m samples a
+    metre apart would lie half a cell to one side here and to the other there."""
+    if not step_m:
+        return max(finest_m, spacing_m)
+    return step_m * max(round(spacing_m / step_m), math.ceil(finest_m / step_m - ROUNDED))

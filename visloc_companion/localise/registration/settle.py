@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -63,7 +64,9 @@ class Settler:
     """Refines and judges candidates of one pair."""
 
     def __init__(self, pair: Pair, prior: RegistrationPrior) -> None:
-        self.pair, self.prior = pair, prior
+        self._rounding_m2: FloatArray = np.sum([s.unknown_m2 for s in pair.sampling], axis=0)
+        growth_m = math.sqrt(prior.sigma_growth_m**2 + float(self._rounding_m2[2]))  # heights do not tell less of either
+        self.pair, self.prior = pair, replace(prior, sigma_growth_m=growth_m)
         self.cells: SourceCells = cells_of(pair.source, pair.source_relief, pair.centre_m)
 
     def settle(self, start: FloatArray) -> Settled | None:
@@ -118,7 +121,7 @@ class Settler:
         rivals = rival, max([unrefined, *away])
         turned = [s.refined.T for s in others if is_turned(self.pair, s.refined.T, T, MOST_APART_RAD)]
         evidence = evidence_of(self.pair, best.found, refined, rivals, turned, scores.unseen, self.prior)
-        return answer(refined, evidence, self.prior, max_probability_wrong)
+        return answer(self._with_rounding(refined), evidence, self.prior, max_probability_wrong)
 
     def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:
         refined = refine(self.cells, surface, relief, start, self.prior, steps)
@@ -130,6 +133,11 @@ class Settler:
         slid = moved(refined.T, self.pair.centre_m)[:2] - start_m
         agreed = agreement(self.pair, self.cells, relief, refined.T, self.prior)
         return Settled(refined, agreed, start_m, float(np.hypot(*slid)), start_yaw_rad)
+
+    def _with_rounding(self, refined: Refined) -> Refined:
+        """With what the rounding of coordinates leaves unknown of the place; how the reliefs hold it is no other for it."""
+        east, north, _ = self._rounding_m2
+        return replace(refined, placed=refined.placed + np.diag([east, north, 0, 0]))
 
     def _near(self, T: FloatArray) -> tuple[Surface, Surface]:
         """Heights and relief of the reference about where T puts the source."""

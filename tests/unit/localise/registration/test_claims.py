@@ -102,6 +102,16 @@ def test_a_crown_that_carries_the_correlation_alone_is_refused():
     assert probability_wrong(replace(seen, parts_lead=0.3)) < 0.01
 
 
+def test_a_relief_no_larger_than_the_steps_of_rounded_heights_is_not_believed():
+    """Gullies of 0.27 m in whole metres, of both clouds: 4.7 m off, claimed 0.0000, level 1.6 m."""
+    terraced = replace(GOOD, relief_m=0.35, source_relief_m=0.4, rounding_m=0.29)
+    assert probability_wrong(terraced) >= 0.5
+    found = answer(REFINED, terraced, PRIOR, 0.05)
+    assert isinstance(found, NotRegistered)
+    assert found.reason == Reason.LOW_TEXTURE
+    assert probability_wrong(replace(terraced, rounding_m=0.14)) == probability_wrong(replace(terraced, rounding_m=0.0)) < 0.05
+
+
 def test_a_cloud_bent_to_fit_is_doubt_up_to_a_limit():
     claims = [probability_wrong(replace(GOOD, bowl_m=bowl)) for bowl in (0.0, -0.5, 1.5, 9.0)]
     assert claims[0] < claims[1] < claims[2] == claims[3]

@@ -24,6 +24,17 @@ def test_the_cell_follows_the_references_density(per_m2, cell_m):
     assert pair.reference.cell_m == pair.source.cell_m == pytest.approx(cell_m, rel=0.05)
 
 
+@pytest.mark.parametrize(("step_m", "cell_m"), [(0.25, 1.0), (0.5, 1.0), (1.0, 1.0), (1.5, 1.5), (2.0, 2.0)])
+def test_a_cell_holds_whole_steps_of_a_raster(step_m, cell_m):
+    """Cells of 1.02 m, beside a circle's edge: samples of 1 m lay half a metre to the east here and to the west there."""
+    x, y = np.meshgrid(np.arange(-80, 80, step_m), np.arange(-80, 80, step_m))
+    reference = np.column_stack([x.ravel(), y.ravel(), RNG.normal(0, 1, x.size)])
+    pair = make_pair(square(60, 4), reference[np.hypot(x, y).ravel() < 75], PRIOR)
+    assert pair.reference.cell_m == pytest.approx(cell_m, abs=1e-9)
+    aside = np.mod(pair.reference.cells_of(reference[:, :2]) + 0.5, 1)
+    np.testing.assert_allclose(aside.mean(0), 0.5, atol=1e-3)
+
+
 def test_only_what_the_prior_reaches_of_the_reference_is_looked_at():
     pair = make_pair(square(60, 2), square(600, 0.5), PRIOR)
     assert np.ptp(pair.reference_m[:, 0]) < 60 * 1.6 + 2 * 31
