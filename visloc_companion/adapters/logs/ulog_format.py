@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any
 
@@ -17,12 +18,27 @@ from visloc_companion.adapters.logs.recording import LogBytes, Losses
 MAGIC = b"ULog\x01\x12\x35"
 _HEADER_BYTES = 16
 _TYPES = frozenset(b"BFIMPQALRCDSO")
-_TYPE = re.compile(b"[BFIMPQALRCDSO]")
+_READ = re.compile(b"[FAD]")
+_DEMANDED = {
+    ord("F"): re.compile(rb"[\w/-]+:[ -~]"),
+    ord("A"): re.compile(rb"(?s:...)[\w/-]+\Z"),
+    **dict.fromkeys(b"IP", re.compile(rb"(?s:[^\0])[ -~]")),
+    **dict.fromkeys(b"MQ", re.compile(rb"(?s:.[^\0])[ -~]")),
+}
+"""What bodies begin with: a topic's name (of a subscription behind its numbers, to the end), or a key behind its length."""
+_SIZES = {ord("S"): 8, ord("O"): 2, ord("R"): 2}
+"""Of types whose bodies have but one."""
+_WHOLE_FORMAT = re.compile(rb"[\w/-]+:[\w/]+(?:\[\d+\])? \w+(?:;[\w/]+(?:\[\d+\])? \w+)*;?")
 _CODES = {
     **{"int8_t": "b", "uint8_t": "B", "int16_t": "h", "uint16_t": "H", "int32_t": "i", "uint32_t": "I"},
     **{"int64_t": "q", "uint64_t": "Q", "float": "f", "double": "d", "bool": "?", "char": "c"},
 }
 _LONG_BYTES, _FOLLOWING = 2048, 5
+_MOST_NUMBERS = 4096
+"""Logs number their subscriptions from 0 and have some hundreds."""
+_HEAD, _NUMBER = struct.Struct("<HB"), struct.Struct("<H")
+"""A message's size and type; a subscription's number, or a size alone."""
+_DATA = ord("D")
 _FIELD = re.compile(r"^(\w+?)(?:\[(\d+)\])? (\w+)$")
 Row = Mapping[str, Any]
 Instances = dict[int, list[Row]]
@@ -82,18 +98,21 @@ def of_first(instances: Instances) -> list[Row]:
 def read_instances(data: LogBytes, wanted: Collection[str], losses: Losses) -> dict[str, Instances]:
     """Rows of the wanted topics, instance by instance, in the order of the file. Never raises for what bytes may hold.
 
+    What is long, or longer than the file, is no message where such as bear themselves out lie within it.
     A subscription whose topic has no format that can be read, and data without a subscription, count as unknown: a bit that flips
     in either hides a whole topic.
     """
     formats: dict[str, _Format | None] = {}
     subscribed: dict[int, _Subscription] = {}
     found: dict[_Subscription, list[Row]] = {}
+    known = _Known(formats, subscribed)
     at = _HEADER_BYTES
     while at + 3 <= len(data):
-        size, kind = struct.unpack_from("<HB", data, at)
+        size, kind = _HEAD.unpack_from(data, at)
         end = at + 3 + size
-        if not _plausible(data, at):
-            at = _resynchronised(data, at, losses)
+        far = size > _LONG_BYTES or end > len(data)
+        if not _plausible(data, at, known) or (far and _next_sure(data, at, end, known) is not None):
+            at = _resynchronised(data, at, known, losses)
             continue
         if end > len(data):
             losses.truncated = True
@@ -110,7 +129,7 @@ def read_instances(data: LogBytes, wanted: Collection[str], losses: Losses) -> d
                 subscribed[number] = (multi_id, name)
             elif subscribed[number] != (multi_id, name):
                 losses.unknown_messages += 1
-        elif kind == ord("D") and size > 2:
+        elif kind == _DATA and size > 2:
             _take(body, formats, subscribed, wanted, found, losses)
         elif kind == ord("O"):
             losses.garbage_pieces += 1
@@ -121,29 +140,68 @@ def read_instances(data: LogBytes, wanted: Collection[str], losses: Losses) -> d
     return topics
 
 
-def _plausible(data: LogBytes, at: int) -> bool:
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """What the log has defined so far, by which a message bears itself out: the format has no checksums."""
+
+    formats: dict[str, _Format | None]
+    subscribed: dict[int, _Subscription]
+
+    def bears_out(self, data: LogBytes, at: int) -> bool:
+        """Whether a message that is read starts here beyond doubt: data of the very size that its topic has, a whole format, or a
+        subscription to one."""
+        if at < 0 or at + 5 > len(data):
+            return False
+        size, kind = _HEAD.unpack_from(data, at)
+        if at + 3 + size > len(data):
+            return False
+        if kind == ord("F"):
+            return _WHOLE_FORMAT.fullmatch(data, at + 3, at + 3 + size) is not None
+        if kind == ord("A"):
+            return data[at + 6 : at + 3 + size].decode("ascii", errors="replace") in self.formats
+        subscription = self.subscribed.get(_NUMBER.unpack_from(data, at + 3)[0]) if kind == _DATA else None
+        layout = None if subscription is None else self.formats.get(subscription[1])
+        return layout is not None and layout.size <= size - 2 <= layout.padded
+
+    def may_be(self, data: LogBytes, at: int) -> bool:
+        """Whether the bytes may be a message, by what its type demands of them."""
+        size, kind = _HEAD.unpack_from(data, at)
+        if kind not in _TYPES or size == 0:
+            return False
+        if kind == _DATA:  # nearly all are
+            return at + 5 > len(data) or bool(_NUMBER.unpack_from(data, at + 3)[0] < _MOST_NUMBERS)
+        if kind in _SIZES:
+            return bool(size == _SIZES[kind])
+        demanded = _DEMANDED.get(kind)
+        return demanded is None or demanded.match(data, at + 3, min(at + 3 + size, len(data))) is not None
+
+
+def _plausible(data: LogBytes, at: int, known: _Known) -> bool:
     """Whether a message starts here: a known type, and another one (or the file's end) behind it, behind a long one several.
 
     A bit that flips in a size leads far away, where one byte is a type by chance.
     """
-    size = struct.unpack_from("<H", data, at)[0]
+    size = _NUMBER.unpack_from(data, at)[0]
     for _ in range(1 if size <= _LONG_BYTES else _FOLLOWING):
-        size, kind = struct.unpack_from("<HB", data, at)
-        if kind not in _TYPES or size == 0:
+        if not known.may_be(data, at):
             return False
-        at += 3 + size
+        at += 3 + _NUMBER.unpack_from(data, at)[0]
         if at + 3 > len(data):
             return True
-    return data[at + 2] in _TYPES
+    return known.may_be(data, at)
 
 
-def _resynchronised(data: LogBytes, at: int, losses: Losses) -> int:
-    start = len(data)
-    for kind in _TYPE.finditer(data, at + 3):  # a tail of zeros, which a loss of power leaves, may be megabytes
-        begins = kind.start() - 2
-        if _plausible(data, begins) and begins + 3 + struct.unpack_from("<H", data, begins)[0] + 3 <= len(data):
-            start = begins
-            break
+def _next_sure(data: LogBytes, at: int, stop: int, known: _Known) -> int | None:
+    """Where the next message begins that bears itself out, behind the place and before another."""
+    for kind in _READ.finditer(data, at + 3, min(stop, len(data))):  # zeros that a loss of power leaves may be megabytes
+        if known.bears_out(data, kind.start() - 2):
+            return kind.start() - 2
+    return None
+
+
+def _resynchronised(data: LogBytes, at: int, known: _Known, losses: Losses) -> int:
+    sure = _next_sure(data, at, len(data), known)
+    start = len(data) if sure is None else sure
     losses.garbage_pieces += 1
     losses.garbage_bytes += start - at
     return start
@@ -177,7 +235,7 @@ def _take(
     found: dict[_Subscription, list[Row]],
     losses: Losses,
 ) -> None:
-    subscription = subscribed.get(struct.unpack_from("<H", body)[0])
+    subscription = subscribed.get(_NUMBER.unpack_from(body)[0])
     if subscription is None:
         losses.unknown_messages += 1
         return
