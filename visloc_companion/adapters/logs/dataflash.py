@@ -16,6 +16,7 @@ from pathlib import Path
 from visloc_companion.adapters.logs.attitude_rates import rates_between
 from visloc_companion.adapters.logs.boots import chosen_boot, logs_of, put_together
 from visloc_companion.adapters.logs.dataflash_format import BEGINNING, Fields, messages
+from visloc_companion.adapters.logs.dataflash_times import without_belied
 from visloc_companion.adapters.logs.gnss_times import Told, gnss_times, unix_minus_boot_ns
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import (
@@ -99,7 +100,7 @@ def _boots(data: LogBytes, losses: Losses) -> list[_Reader]:
 
     def read(log: tuple[int, int]) -> _Reader:
         reader = _Reader(losses)
-        for name, fields in messages(data, _WANTED, losses, *log):
+        for name, fields in without_belied(messages(data, _WANTED, losses, *log), losses):
             reader.take(name, fields)
         return reader
 
