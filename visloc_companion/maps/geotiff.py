@@ -186,7 +186,7 @@ def _height_unit_m(path: Path, unit: str, crs: MapCrs) -> float:
         return 1.0
     if unit:
         raise MapError(f"heights are in {unit!r}", where=str(path), remedy="convert the heights to metres")
-    if not crs.states_heights and not crs.is_geographic and crs.metres_per_unit != 1.0:
+    if not crs.states_heights and crs.metres_per_unit < 1.0:  # nobody has heights in kilometres; NaN of degrees
         what = "its grid is in feet, and it does not say whether its heights are"
         raise DatumMissing(what, where=str(path), remedy="gdal_edit.py -units ft FILE, or -units m")
     return crs.vertical_metres_per_unit

@@ -174,6 +174,15 @@ def test_heights_on_a_grid_in_feet_need_their_unit(tmp_path: Path, write_raster)
     assert ref.height_amsl_m(*ref.center_map_m) == pytest.approx(304.8, abs=0.01)
 
 
+def test_heights_on_a_grid_in_kilometres_are_metres(tmp_path: Path, write_raster) -> None:
+    """They were refused as those of a grid in feet."""
+    grid = "+proj=utm +zone=32 +datum=WGS84 +units=km", (47.5, 8.5), 1.0
+    write_raster(tmp_path / "a.tif", image(100), *grid)
+    write_raster(tmp_path / "dsm.tif", np.full((100, 100), 432.5, np.float32), *grid)
+    ref = RasterMap.open(tmp_path / "a.tif", tmp_path / "dsm.tif")
+    assert (ref.height_amsl_m(*ref.center_map_m), ref.gsd_m) == pytest.approx((432.5, 1.0), rel=1e-3)
+
+
 def test_scale_and_offset_of_heights(tmp_path: Path, write_raster) -> None:
     write_raster(tmp_path / "a.tif", image(100), *NORTH, 1.0)
     write_raster(tmp_path / "dsm.tif", np.full((100, 100), 1234, np.int16), *NORTH, 1.0)
