@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import re
 from collections.abc import Callable
@@ -87,6 +88,8 @@ def _condition(text: str) -> Condition:
         limit = float(number)
     except ValueError as why:
         raise ConfigError(f"{number!r} in {text.strip()!r} is no number", where=_WHERE, remedy="write a plain number") from why
+    if not math.isfinite(limit):  # every figure would keep it
+        raise ConfigError(f"{number!r} in {text.strip()!r} is beyond any number", where=_WHERE, remedy="write a smaller number")
     return Condition(name, _path(name), symbol, limit)
 
 

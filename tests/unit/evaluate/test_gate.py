@@ -51,6 +51,8 @@ def test_a_comma_without_a_condition_is_refused(text: str) -> None:
         ("hmi=0;p95_m<3", "is no condition"),
         ("p95<=12m", "is no condition"),
         ("p95_m<=1.2.3", "is no number"),
+        ("p95_m<=1e400", "is beyond any number"),
+        ("max_m>=-1e400", "is beyond any number"),
         ("p95m<=12", "did you mean 'p95_m'"),
         ("colour=1", "valid are duration_s"),
     ],
