@@ -23,7 +23,6 @@ from benchmarks.bare_clouds import write_bare_clouds
 from benchmarks.cloud_answers import CloudAnswer, answer_of
 from benchmarks.cloud_cases import FITTED, LEVELS, SPARSE, CloudCase, elsewhere, make, read, thinned
 from benchmarks.cloud_landscape import training_cases
-from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise.registration.claims import at_least, regressors
 from visloc_companion.localise.registration.evidence import Evidence
@@ -113,7 +112,7 @@ def sigma_lines(right: list[CloudAnswer]) -> list[str]:
     for cloud in [*sorted({a.cloud for a in right}), ""]:
         some = [a for a in right if cloud in ("", a.cloud)]
         z = np.array([a.error_m / np.sqrt(np.diag(a.covariance_m2)) for a in some])
-        inside = np.mean([a.error_m[:2] @ np.linalg.solve(a.covariance_m2[:2, :2], a.error_m[:2]) <= CHI2_95 for a in some])
+        inside = np.mean([a.inside for a in some])
         rms = np.sqrt((z**2).mean(0)).round(2)
         lines.append(f"{cloud or 'all'}: rms(error / sigma) {rms}, {100 * inside:.1f} % inside the 95 % ellipse ({len(some)})")
     return lines

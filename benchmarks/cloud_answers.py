@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.cloud_cases import CloudCase
+from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.localise.registration.base import Registered, RegistrationMethod
 from visloc_companion.localise.registration.clouds import density_per_m2
 
@@ -47,6 +48,12 @@ class CloudAnswer:
     def wrong(self) -> bool:
         """Off by more than 5 m horizontally, as `probability_wrong` means it."""
         return self.horizontal_m > WRONG_M
+
+    @property
+    def inside(self) -> bool:
+        """Whether the horizontal error is within the claimed 95 % ellipse."""
+        off_m, claimed_m2 = self.error_m[:2], self.covariance_m2[:2, :2]
+        return float(off_m @ np.linalg.solve(claimed_m2, off_m)) <= CHI2_95
 
 
 def answers(method: RegistrationMethod, cases: Iterable[CloudCase]) -> list[CloudAnswer]:

@@ -22,7 +22,6 @@ import numpy as np
 from benchmarks.bare_clouds import write_bare_clouds
 from benchmarks.cloud_answers import FAR_M, WRONG_M, CloudAnswer, answer_of
 from benchmarks.cloud_cases import BLANK, FITTED, LEVELS, CloudCase, foreign, make, read
-from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise.registration.registry import DEFAULT_MAX_PROBABILITY_WRONG, METHODS, make_registration
 
@@ -97,7 +96,6 @@ def figures(some: list[CloudAnswer], limit_p: float) -> dict[str, Any]:
     horizontal = np.array([a.horizontal_m for a in some])
     near = [a for a in taken if not a.wrong]
     z = np.array([a.error_m / np.sqrt(np.diag(a.covariance_m2)) for a in near])
-    inside = [float(a.error_m[:2] @ np.linalg.solve(a.covariance_m2[:2, :2], a.error_m[:2])) <= CHI2_95 for a in near]
     return {
         "n": len(some),
         "accepted_share": len(taken) / len(some),
@@ -108,7 +106,7 @@ def figures(some: list[CloudAnswer], limit_p: float) -> dict[str, Any]:
         "mtre_median_m": _finite(float(np.median([a.mtre_m for a in taken]))) if taken else None,
         "mtre_within_5m_share": float(np.mean([a.mtre_m < WRONG_M for a in taken])) if taken else None,
         "rms_error_over_sigma": [round(float(v), 3) for v in np.sqrt((z**2).mean(0))] if near else None,
-        "inside_95_ellipse_share": float(np.mean(inside)) if near else None,
+        "inside_95_ellipse_share": float(np.mean([a.inside for a in near])) if near else None,
         "cpu_s": float(np.median([a.cpu_s for a in some])),
     }
 

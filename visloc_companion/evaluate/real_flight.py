@@ -98,14 +98,14 @@ def real_figures(log: RealLog, scenario: RealScenario) -> RealFigures:
         gnss_p95_m=_percentile(_errors(on_gnss), 95),
         end_error_m=last[0] if last else None,
         velocity_rms_mps=float(np.sqrt(np.mean(np.square(velocity)))) if velocity else None,
-        rejected_share=float(np.mean(np.array(ratios) > 1.0)) if ratios else None,
+        rejected_share=_share_above(ratios, 1.0),
         failsafes=tuple(sorted({name for t_s, name in log.failsafes if start_s <= t_s <= end_s})),
         wrong_source_s=_wrong_source_s(flown, log, scenario),
         pulled_m=_percentile(_errors(dragged), 100) if scenario.drag_at_s is not None else None,
         touch_down_mps=_touch_down_mps(log),
         gap_s=max([*gaps, silent_s]) if on_vision else None,
         settled_s=max((_settled_s(on_vision, at_s) for at_s in jumps), default=None),
-        late_share=float(np.mean(np.array(gaps) > LATE_S)) if gaps else None,
+        late_share=_share_above(gaps, LATE_S),
         slow_share=_slow_share(log, on_vision),
         strayed_m=None if scenario.with_daemon else _percentile(_errors(_unaided(flown, log)), 100),
     )
@@ -190,7 +190,7 @@ def _slow_share(log: RealLog, on_vision: Sequence[RealSample]) -> float | None:
     if not on_vision:
         return None
     took_s = [s for t_s, s in log.round_trips if on_vision[0].t_s <= t_s <= on_vision[-1].t_s]
-    return float(np.mean(np.array(took_s) > SLOW_S)) if took_s else None
+    return _share_above(took_s, SLOW_S)
 
 
 def _settled_s(samples: Sequence[RealSample], jumped_s: float) -> float:
@@ -214,6 +214,10 @@ def _norm(a: Vec3 | None, b: Vec3, offset: Vec2 = (0.0, 0.0)) -> float:
 def _duration_s(samples: Sequence[RealSample]) -> float:
     gaps = [b.t_s - a.t_s for a, b in itertools.pairwise(samples)]
     return float(sum(gap for gap in gaps if gap < 1.0))
+
+
+def _share_above(values: Sequence[float], limit: float) -> float | None:
+    return float(np.mean(np.array(values) > limit)) if values else None
 
 
 def _percentile(values: Sequence[float], share: float) -> float | None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from visloc_companion.adapters.logs.attitude_rates import rates_between
 from visloc_companion.adapters.logs.boots import chosen_boot, logs_of, put_together
 from visloc_companion.adapters.logs.dataflash_format import BEGINNING, Fields, messages
-from visloc_companion.adapters.logs.dataflash_times import without_belied
+from visloc_companion.adapters.logs.dataflash_times import LEAP_US, stated_time_us, without_belied
 from visloc_companion.adapters.logs.gnss_times import Told, gnss_times, unix_minus_boot_ns
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
 from visloc_companion.adapters.logs.recording import (
@@ -69,7 +69,7 @@ _HORIZ_VEL, _HORIZ_POS_ABS, _CONST_POS_MODE, _GPS_GLITCHING = 0x2, 0x10, 0x80, 0
 _ESTIMATORS = {1: "EKF", 2: "NKF", 3: "XKF"}
 """Of AHRS_EKF_TYPE: how the messages of EKF1, EKF2 and EKF3 begin; with any other value the vehicle flies on none of them."""
 _IMU_EVERY_NS = 10 * NS_PER_MS
-_LEAP_NS, _MAX_STEP_NS = 2 * NS_PER_S, 3600 * NS_PER_S
+_LEAP_NS, _MAX_STEP_NS = LEAP_US * NS_PER_US, 3600 * NS_PER_S
 _CONFIRMED, _CONFIRMED_LONG = 1, 20
 """So many messages must go on from a leap of the clock, more beyond `_MAX_STEP_NS` (disarmed for hours, not logging)."""
 _FEW_EVENTS = 20
@@ -160,7 +160,7 @@ class _Reader:
 
         The format has no checksums: where the very first times were wrong, what follows confirms the way back.
         """
-        t_ns = int(fields["TimeUS"] * NS_PER_US if "TimeUS" in fields else fields[milliseconds] * NS_PER_MS)
+        t_ns = int(stated_time_us(fields, milliseconds) * NS_PER_US)
         if not self.events:
             self._t_ns = t_ns
         elif not -NS_PER_S <= t_ns - self._t_ns <= _LEAP_NS:

@@ -7,11 +7,12 @@ alone but alike, would be taken for a step of the clock.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 from visloc_companion.adapters.logs.dataflash_format import Fields
 from visloc_companion.adapters.logs.recording import Losses
 
-_AHEAD_US, _BACK_US, _LEAP_US = 200_000, 1_000_000, 2_000_000
+_AHEAD_US, _BACK_US, LEAP_US = 200_000, 1_000_000, 2_000_000
 """A time that is so far ahead of all before it and of the next, which goes on from those before (messages are up to 0.8 s late in
 logs of 2014, and nothing more than 2 s apart is told to go on in dataflash.py), is wrong."""
 _UNTIMED = frozenset(("EV", "ARM", "MSG", "CMD", "PARM", "CTUN"))
@@ -31,12 +32,12 @@ def without_belied(messages: Iterable[Named], losses: Losses) -> Iterator[Named]
             continue
         if held is not None and latest_us is not None:
             (suspected, ahead_us), held = held, None
-            if latest_us - _BACK_US <= t_us < min(ahead_us - _AHEAD_US, latest_us + _LEAP_US):
+            if latest_us - _BACK_US <= t_us < min(ahead_us - _AHEAD_US, latest_us + LEAP_US):
                 losses.dropped_messages += 1
                 losses.clock_steps += 1
             else:
                 yield suspected
-                if ahead_us - latest_us <= _LEAP_US or abs(t_us - ahead_us) <= _LEAP_US:
+                if ahead_us - latest_us <= LEAP_US or abs(t_us - ahead_us) <= LEAP_US:
                     latest_us = ahead_us
         if latest_us is not None and t_us - latest_us > _AHEAD_US:
             held = message, t_us
@@ -52,8 +53,16 @@ def without_belied(messages: Iterable[Named], losses: Losses) -> Iterator[Named]
         yield held[0]
 
 
+def stated_time_us(fields: Fields, milliseconds: str = "TimeMS") -> Any:
+    """When a message says it is of, a number if all is well. Logs of before 2015 have milliseconds, in a field of this name.
+    Raises KeyError where it does not say."""
+    return fields["TimeUS"] if "TimeUS" in fields else fields[milliseconds] * 1000
+
+
 def _time_us(name: str, fields: Fields) -> int | None:
-    """When a message says it is of; None where that does not count. Logs of before 2015 have milliseconds."""
-    of_old = "T" if name.startswith("GPS") else "TimeMS"
-    value, unit_us = (fields["TimeUS"], 1) if "TimeUS" in fields else (fields.get(of_old), 1000)
-    return value * unit_us if name not in _UNTIMED and isinstance(value, int) else None
+    """When a message says it is of; None where that does not count."""
+    milliseconds = "T" if name.startswith("GPS") else "TimeMS"
+    if name in _UNTIMED or not ("TimeUS" in fields or milliseconds in fields):
+        return None
+    value = stated_time_us(fields, milliseconds)
+    return value if isinstance(value, int) else None
