@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from visloc_companion.geo.camera import R_FRD_CAM, project, scaled, unproject
+from visloc_companion.geo.camera import R_FRD_CAM, pinhole_matrix, project, scaled, unproject
 from visloc_companion.geo.lens import reach_tan
 from visloc_companion.types import CameraModel, DistortionModel
 
@@ -147,3 +147,10 @@ def test_scaled_model_sees_an_image_that_is_resized_to_whole_pixels() -> None:
 
 def test_scaled_model_keeps_a_pixel() -> None:
     assert (scaled(PLAIN, 0.0001).width_px, scaled(PLAIN, 0.0001).height_px) == (1, 1)
+
+
+@pytest.mark.parametrize("model", [PLAIN, replace(PLAIN, fx_px=411.0, fy_px=402.0, cx_px=300.5, cy_px=251.0)])
+def test_the_matrix_projects_what_the_lens_does_not_bend(model: CameraModel) -> None:
+    rays = points()
+    pix = (pinhole_matrix(model) @ rays.T).T
+    assert pix[:, :2] / pix[:, 2:] == pytest.approx(project(model, rays), abs=1e-9)

@@ -10,8 +10,8 @@ import pytest
 
 from visloc_companion.geo.camera import project, unproject
 from visloc_companion.geo.lens import reach_tan
-from visloc_companion.geo.pinhole_view import field_of_view_deg, inner_reach, pinhole_view
-from visloc_companion.types import CameraModel
+from visloc_companion.geo.pinhole_view import field_of_view_deg, inner_reach, pinhole_view, why_folded
+from visloc_companion.types import CameraMask, CameraModel
 
 RATIONAL = CameraModel(640, 480, 290.0, 291.0, 330.0, 230.0, (1.2, 0.35, 3e-4, -2e-4, 0.01, 1.5, 0.7, 0.05), "rational")
 
@@ -59,3 +59,27 @@ def test_where_a_mapping_folds_is_told_as_a_share_of_the_way_to_the_border() -> 
     turning = math.sqrt(1 / 0.6)
     folding = fisheye(150.0, (-0.2, 0.0, 0.0, 0.0))
     assert inner_reach(folding) == pytest.approx(turning * (1 - 0.2 * turning**2) * folding.fx_px / 233.5)
+
+
+def test_a_mapping_that_folds_within_the_picture_is_named_and_one_that_folds_beyond_it_is_not() -> None:
+    folding = fisheye(150.0, (-0.5, 0.0, 0.0, 0.0))
+    why = why_folded(folding)
+    assert why is not None
+    assert f"fisheye lens folds back within the picture, at {100 * inner_reach(folding):.0f} %" in why
+    assert inner_reach(folding) < 1.0
+    assert why_folded(fisheye(60.0, (-0.2, 0.0, 0.0, 0.0))) is None
+
+
+def test_a_mask_is_turned_as_the_frames_are() -> None:
+    """The lower third of the picture shows landing gear: below a ray that lies on its border the view is masked, too."""
+    ground = np.ones((480, 640), np.bool_)
+    ground[320:] = False
+    model = replace(fisheye(120.0), mask=CameraMask.of(ground))
+    view = pinhole_view(model)
+    assert view.mask is not None
+    seen = view.mask.ground()
+    assert seen.shape == (view.height_px, view.width_px)
+    v, u = np.mgrid[0 : view.height_px, 0 : view.width_px]
+    row = project(model, unproject(view, np.column_stack([u.ravel(), v.ravel()]).astype(np.float64)))[:, 1].reshape(u.shape)
+    assert (seen == (row < 319.5))[np.abs(row - 319.5) > 1e-6].all()
+    assert 0.2 < seen.mean() < 0.9

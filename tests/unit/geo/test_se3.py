@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 from visloc_companion.geo.se3 import (
     R_from_quat,
     angle_between,
+    body_rates,
     euler_from_quat,
     normalised,
+    plus,
     quat_from_euler,
     quat_from_R,
     quat_from_vector,
@@ -132,3 +134,14 @@ def test_slerp_takes_the_shorter_arc() -> None:
     assert abs(euler_from_quat(slerp(a, b, 0.5))[2]) == pytest.approx(math.pi)
     c = quat_from_euler(0, 0, math.radians(20))
     assert slerp(c, c, 0.3) == pytest.approx(c)
+
+
+@settings(max_examples=40)
+@given(quats, st.tuples(*[st.floats(-2.0, 2.0)] * 3), st.floats(0.01, 1.0))
+def test_body_rates_turn_one_attitude_into_the_next(before, rates_radps, dt_s: float) -> None:
+    after = quat_multiply(before, quat_from_vector(tuple(rate * dt_s for rate in rates_radps)))
+    assert body_rates(before, after, dt_s) == pytest.approx(rates_radps, abs=1e-6)
+
+
+def test_vectors_are_added_axis_by_axis() -> None:
+    assert plus((1.0, -2.0, 3.0), (10.0, 20.0, -3.0)) == (11.0, 18.0, 0.0)

@@ -13,6 +13,7 @@ from visloc_companion.geo.wgs84 import (
     geo_from_ned,
     ned_from_geo,
     radii_m,
+    same_spot,
 )
 from visloc_companion.types import AutopilotKind, GeoPoint
 
@@ -91,3 +92,11 @@ def test_autopilots_differ_from_the_ellipsoid_by_less_than_half_a_percent() -> N
         north, east, _ = autopilot_ned_from_geo(kind, place, origin)
         off = math.hypot(north - 3000, east + 4000)
         assert 1.0 < off < 25.0
+
+
+def test_one_spot_whatever_the_height_and_none_is_nowhere() -> None:
+    here = GeoPoint(47.0, 8.0, 400.0)
+    assert same_spot(here, GeoPoint(47.0, 8.0, 900.0))
+    assert not same_spot(here, GeoPoint(47.0, 8.0000001, 400.0))
+    assert not same_spot(here, None)
+    assert not same_spot(None, None)
