@@ -7,6 +7,8 @@ STAMP := $(VENV)/.installed
 export OPENBLAS_NUM_THREADS ?= 1
 # What is compiled is kept: else every process of tests, and all those that tests start, compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
+# Compiled when it is first imported: half of an installation's time goes to modules of which most never are.
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
 .PHONY: install install-train demo test test-train lint bench sitl clean
 
@@ -15,14 +17,14 @@ install: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "error: Python 3.11 or newer is needed; set PYTHON=..." >&2; exit 2; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { echo "error: no venv module; remedy: apt-get install python3-venv" >&2; exit 2; }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[cpu,prep,web,eval,dev]'
+	$(PIP_INSTALL) -e '.[cpu,prep,web,eval,dev]'
 	@touch $(STAMP)
 
 # PyTorch takes 750 MB, and many times that where the package index only has builds for GPUs; only training needs it.
 # Without a GPU: name the index of its builds for CPUs in PIP_EXTRA_INDEX_URL.
 install-train: install
 	@$(BIN)/python -c 'import torch, onnx, onnxscript' 2>/dev/null || \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train]'
+	  $(PIP_INSTALL) -e '.[train]'
 
 demo: install
 	$(BIN)/visloc demo
