@@ -37,7 +37,10 @@ class HeightMap:
 
     def cells_of(self, xy_m: FloatArray) -> FloatArray:
         """(N, 2) column and row, in cells from the centre of the first cell."""
-        return np.asarray((xy_m - self.corner_m) / self.cell_m - 0.5, dtype=np.float64)
+        cells = np.asarray(xy_m - self.corner_m, dtype=np.float64)
+        cells /= self.cell_m
+        cells -= 0.5
+        return cells
 
     def around(self, xy_m: FloatArray, half_m: float) -> HeightMap:
         """The part within a square about a place; empty where the two do not meet."""

@@ -134,10 +134,19 @@ def robust(residual: FloatArray, least_m: float, counts: FloatArray | None = Non
     `counts` (N,): how much each residual counts in the deviation, alike where it is missing. `wide`: how much wider the weights
     are than usual.
     """
-    off = np.abs(residual - float(np.median(residual)))
-    middle = float(np.median(off)) if counts is None else _weighted_median(off, counts)
+    off = np.abs(residual - _median(residual))
+    middle = _median(off) if counts is None else _weighted_median(off, counts)
     sigma = max(LEAST_SIGMA_M, least_m, 1.4826 * middle)
     return sigma, np.asarray(1 / np.square(1 + np.square(off / (WEIGHT_SIGMAS * wide * sigma))))
+
+
+def _median(values: FloatArray) -> float:
+    """np.median's of numbers (N,), which looks for NaN besides."""
+    half = len(values) // 2
+    if len(values) % 2:
+        return float(np.partition(values, half)[half])
+    low, high = np.partition(values, (half - 1, half))[half - 1 : half + 1]
+    return float(low + high) / 2
 
 
 def _weighted_median(values: FloatArray, weight: FloatArray) -> float:

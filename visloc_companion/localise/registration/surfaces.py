@@ -29,9 +29,9 @@ class Surface:
     def at(self, xy_m: FloatArray) -> Float32Array:
         """(N, 4) the layers at places (N, 2)."""
         n, rows = len(xy_m), -(-len(xy_m) // ROW)
-        cells = np.full((rows * ROW, 2), -10, np.float32)
-        cells[:n] = self.heights.cells_of(xy_m)
-        u, v = np.ascontiguousarray(cells.T).reshape(2, rows, ROW)
+        cells = np.full((2, rows * ROW), -10, np.float32)
+        cells[:, :n] = self.heights.cells_of(xy_m).T
+        u, v = cells.reshape(2, rows, ROW)
         found = cv2.remap(self.layers, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
         return np.asarray(found.reshape(-1, 4)[:n], dtype=np.float32)
 
@@ -87,8 +87,14 @@ def cells_of(heights: HeightMap, relief: HeightMap, centre_m: FloatArray) -> Sou
 
 def met(source: SourceCells, surface: Surface, T: FloatArray, bowl_m: float = 0.0) -> Met:
     """The source's cells, bowled by so much and moved by T, on a surface."""
-    at = moved(T, source.points_m + np.outer(bowl_m * source.bowl, [0, 0, 1]))
+    points = source.points_m
+    if bowl_m:
+        points = points.copy()
+        points[:, 2] += bowl_m * source.bowl
+    at = moved(T, points)
     layers = surface.at(at[:, :2])
     used = np.asarray(layers[:, 3] > IN_REFERENCE)
-    height, east, north = (layers[used, k].astype(np.float64) for k in range(3))
-    return Met(used, at[used], at[used] - moved(T, source.centre_m), height, east, north)
+    if not used.all():
+        at, layers = at[used], layers[used]
+    height, east, north = np.ascontiguousarray(layers[:, :3].T, dtype=np.float64)
+    return Met(used, at, at - moved(T, source.centre_m), height, east, north)

@@ -10,7 +10,7 @@ from visloc_companion.localise.registration.height_map import HeightMap, high_pa
 from visloc_companion.localise.registration.polish import polish
 from visloc_companion.localise.registration.refine import refine, robust
 from visloc_companion.localise.registration.similarity import about, moved, scale_of, tilt_of, turned, with_linear
-from visloc_companion.localise.registration.surfaces import SourceCells, cells_of, surface_of
+from visloc_companion.localise.registration.surfaces import IN_REFERENCE, SourceCells, cells_of, met, surface_of
 
 PRIOR = RegistrationPrior(10.0, 3.0, np.radians(3.0), np.radians(2.0), 0.012)
 
@@ -119,3 +119,28 @@ def test_where_little_stands_out_the_deviation_is_that_of_what_does():
     assert of_crowns == pytest.approx(1.48, abs=0.05)
     assert lost[900:].max() < 0.01
     assert kept[900:].min() > 0.7
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 8, 1001, 1002])
+def test_the_robust_deviation_is_of_the_median_to_the_bit(n):
+    residual = np.random.default_rng(n).standard_normal(n)
+    off = np.abs(residual - np.median(residual))
+    sigma, weight = robust(residual, 0.0)
+    assert sigma == max(0.1, 1.4826 * np.median(off))
+    assert np.array_equal(weight, 1 / np.square(1 + np.square(off / (2.0 * sigma))))
+
+
+@pytest.mark.parametrize("east_m", [0.0, 45.0], ids=["all on the reference", "in part beside it"])
+@pytest.mark.parametrize("bowl_m", [0.0, 0.7])
+def test_cells_meet_the_surface_where_the_similarity_puts_them(bowl_m, east_m):
+    cells, surface, _, centre = parts(height_map(50, (35, 35)))
+    T = about(centre, 0.03, 1.01, np.array([east_m, 1.0, 2.0]))
+    on = met(cells, surface, T, bowl_m)
+    at = moved(T, cells.points_m + np.outer(bowl_m * cells.bowl, [0, 0, 1]))
+    layers = surface.at(at[:, :2])
+    assert np.array_equal(on.used, layers[:, 3] > IN_REFERENCE)
+    assert on.used.all() == (east_m == 0.0) and on.used.any()
+    assert np.array_equal(on.at_m, at[on.used])
+    assert np.array_equal(on.out_m, at[on.used] - moved(T, centre))
+    for found, layer in ((on.height_m, 0), (on.east, 1), (on.north, 2)):
+        assert np.array_equal(found, layers[on.used, layer])
