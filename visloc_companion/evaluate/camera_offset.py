@@ -134,11 +134,11 @@ class _Path:
         order = np.argsort(t_s, kind="stable")
         self.t_s, q = t_s[order], q[order]
         flips = np.cumprod(np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0))
-        self.q = np.vstack([q[:1], q[1:] * flips[:, None]])
+        self.parts = np.ascontiguousarray(np.vstack([q[:1], q[1:] * flips[:, None]]).T)  # np.interp would copy them at each call
 
     def at(self, t_s: FloatArray) -> FloatArray:
         """(M, 4) unit quaternions, NaN outside of the log."""
-        found = np.column_stack([np.interp(t_s, self.t_s, part, left=math.nan, right=math.nan) for part in self.q.T])
+        found = np.column_stack([np.interp(t_s, self.t_s, part, left=math.nan, right=math.nan) for part in self.parts])
         return np.asarray(found / np.sqrt((found**2).sum(1))[:, None])
 
 

@@ -103,6 +103,7 @@ def test_any_scenario_can_be_flown_with_the_camera_on_a_gimbal(
 
 def test_without_a_gimbal_none_is_told_of(spec: FlightSpec, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(closed_loop, "eyes_over", lambda *_: oracle_eyes())
+    monkeypatch.setitem(campaign.FLIGHTS, "jam", replace(SCENARIOS["jam"], duration_s=20.0))  # one is told of 20 times a second
     fixed = fly_spec(spec)
     assert result_of(fixed, "gradient")["gimbal"] is False
     assert not any(isinstance(entry.event, GimbalAttitude) for entry in fixed.log.entries)

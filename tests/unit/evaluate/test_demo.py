@@ -294,8 +294,9 @@ def test_on_a_busy_or_slow_computer_the_flight_goes_slower(
         raise LinkError("far enough")
 
     stages: list[str] = []
-    for name, stand_in in (("open_features_for", lambda *_: None), ("procedural_world", lambda *_, **__: world)):
-        monkeypatch.setattr(demo, name, stand_in)
+    monkeypatch.setattr(demo, "open_features_for", lambda *_: None)
+    for name, made in (("procedural_world", world), ("fly", None)):  # the flight without the daemon goes at no speed
+        monkeypatch.setattr(demo, name, lambda *_, made=made, **__: made)
     monkeypatch.setattr(demo, "free_cores", lambda: cores)
     monkeypatch.setattr(demo, "slower", lambda: longer)
     monkeypatch.setattr(demo, "fly_processes", fly)
