@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from visloc_companion.config_camera import CameraConfig
 from visloc_companion.config_section import NonNegative, Positive, Section, Share
@@ -65,6 +65,14 @@ class MapConfig(Section):
     """Folder of the pack (`visloc map build` makes it)."""
     verify_hashes: bool = True
     """Check the SHA-256 of every file of the pack at start-up."""
+    trusted_keys: tuple[str, ...] = ()
+    """Files with public keys (`visloc map key` makes them): a pack that none of them has signed is not used (docs/maps.md)."""
+
+    @model_validator(mode="after")
+    def _trust_is_of_hashes(self) -> MapConfig:
+        if self.trusted_keys and not self.verify_hashes:
+            raise ValueError("with trusted_keys verify_hashes must be true: what is signed are the hashes of the files")
+        return self
 
 
 class LocaliserConfig(Section):

@@ -1,7 +1,7 @@
 """Before arming: what does the map say of the place where GNSS puts the vehicle?
 
 The answer is an event for the navigator (core/gnss_map.py judges it). The map is opened in a thread, without its hashes (the
-worker verifies them), asked every few seconds while the vehicle is disarmed, and let go when it arms.
+start verifies them where it must), asked every few seconds while the vehicle is disarmed, and let go when it arms.
 """
 
 from __future__ import annotations
@@ -34,10 +34,12 @@ class Ground:
 
 
 def open_pack(config: Config, *, verify_hashes: bool = False) -> Ground:
-    """The configured pack. Raises MapError."""
+    """The configured pack, signed by one of the keys that are trusted. Raises MapError, ConfigError for a bad key file."""
     from visloc_companion.maps.pack import PackMap
+    from visloc_companion.maps.signature import public_keys
 
-    return ground_of(PackMap.open(Path(config.map.pack), verify_hashes=verify_hashes))
+    trusted = public_keys(config.map.trusted_keys)
+    return ground_of(PackMap.open(Path(config.map.pack), verify_hashes=verify_hashes, trusted=trusted))
 
 
 def ground_of(pack: PackMap) -> Ground:

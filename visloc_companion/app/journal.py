@@ -55,6 +55,7 @@ class JournalHeader:
     configuration: dict[str, Any]
     versions: dict[str, str] = field(default_factory=dict)
     map_manifest_sha256: str = ""
+    map_signed_by: str = ""
     started_ns: int = 0
     started_unix_ns: int = 0
     schema: int = 1

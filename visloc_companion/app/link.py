@@ -93,7 +93,7 @@ def map_extent(config: Config) -> tuple[Fence | None, GeoPoint | None]:
     """Where positions may be sent, and the middle of the map at its ground's median height; neither without a pack.
 
     The height is read only where an origin is to be set. Raises MapError for a pack that cannot be read, ConfigError where an
-    origin is to be set and there is no pack.
+    origin is to be set and there is no pack. Where another part of the start opens the pack whole, that one says what is wrong.
     """
     if not config.map.pack:
         if config.injection.set_origin:
@@ -101,19 +101,21 @@ def map_extent(config: Config) -> tuple[Fence | None, GeoPoint | None]:
             raise ConfigError("is empty, but injection.set_origin takes the origin from the map", where="map.pack", remedy=remedy)
         return None, None
     from visloc_companion.maps.manifest import read_manifest
+    from visloc_companion.maps.signature import public_keys, read_signed
 
+    pack, trusted = Path(config.map.pack), config.map.trusted_keys
     try:
-        manifest = read_manifest(Path(config.map.pack))
-    except MapError:
-        if config.camera.url or config.localiser.terrain:
-            return None, None  # the worker cannot start either, and says so with all else that is wrong
+        manifest = read_signed(pack, public_keys(trusted)) if trusted else read_manifest(pack)
+    except (MapError, ConfigError):
+        if config.camera.url or config.localiser.terrain or trusted:
+            return None, None
         raise
     b = manifest.bounds
     fence = Fence(b.south_deg, b.west_deg, b.north_deg, b.east_deg, config.injection.max_outside_map_m)
     lon_deg = (b.west_deg + (b.east_deg - b.west_deg) % 360 / 2 + 180) % 360 - 180
     h_amsl_m = manifest.heights.plane_amsl_m
     if config.injection.set_origin and manifest.heights.grid is not None:
-        h_amsl_m = _ground_amsl_m(Path(config.map.pack))
+        h_amsl_m = _ground_amsl_m(pack)
     return fence, GeoPoint((b.south_deg + b.north_deg) / 2, lon_deg, h_amsl_m)
 
 

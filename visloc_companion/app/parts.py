@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from visloc_companion.adapters.camera.calibration import camera_model
+from visloc_companion.app.ground_check import open_pack
 from visloc_companion.app.handover import Handover, Left
 from visloc_companion.app.journal import JournalHeader, JournalWriter
 from visloc_companion.app.slots import SharedFrameSlots
@@ -21,7 +22,7 @@ from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.app.worker_ahead import WorkerAhead
 from visloc_companion.app.worker_process import REAL_ANSWERS
 from visloc_companion.config import Config
-from visloc_companion.errors import CameraError, ConfigError, JournalError, VislocError, is_of_the_disk
+from visloc_companion.errors import CameraError, ConfigError, JournalError, MapError, VislocError, is_of_the_disk
 from visloc_companion.protocols import AutopilotLink, Camera, Clock
 from visloc_companion.types import Event, Notice
 
@@ -120,6 +121,8 @@ async def _build(parts: Parts, make: Constructors, reports: Reports, ahead: Work
                 config, slots, clock, on_notice=reports.notice, factory=make.answers, known=known, ahead=ahead
             )
             parts.worker.begin()
+    elif config.map.pack and config.map.trusted_keys:  # nobody else verifies what the ground is held against
+        await _tried_later(problems, asyncio.to_thread(open_pack, config, verify_hashes=True))
     parts.link = _tried(problems, lambda: make.link(config, clock, _raw_tap(parts), reports.link_warning, left))
     if config.camera.url:
         parts.camera = await _tried_later(problems, asyncio.to_thread(make.camera, config, clock))
@@ -192,11 +195,22 @@ def _may_be_there(path: Path) -> bool:
 
 def journal_header(config: Config, started_ns: int) -> JournalHeader:
     """What flies from now on, which is `started_ns` on the shell's clock: effective configuration, versions, hash of the map's
-    manifest."""
-    digest, manifest = "", Path(config.map.pack) / "manifest.json"
+    manifest, and by the fingerprint of which trusted key it is signed."""
+    digest, signed_by, manifest = "", "", Path(config.map.pack) / "manifest.json"
     with contextlib.suppress(OSError):  # who opens the pack says so
-        digest = hashlib.sha256(manifest.read_bytes()).hexdigest() if config.map.pack and manifest.is_file() else ""
-    return JournalHeader(config.model_dump(mode="json"), versions(), digest, started_ns, time.time_ns())
+        raw = manifest.read_bytes() if config.map.pack and manifest.is_file() else b""
+        digest = hashlib.sha256(raw).hexdigest() if raw else ""
+        signed_by = _signed_by(config, raw) if raw and config.map.trusted_keys else ""
+    return JournalHeader(config.model_dump(mode="json"), versions(), digest, signed_by, started_ns, time.time_ns())
+
+
+def _signed_by(config: Config, raw: bytes) -> str:
+    from visloc_companion.maps.signature import public_keys, require_signed
+
+    try:
+        return require_signed(raw, Path(config.map.pack), public_keys(config.map.trusted_keys))
+    except (MapError, ConfigError):  # who opens the pack says so
+        return ""
 
 
 def _journal(config: Config, clock: Clock, on_problem: Callable[[str], None]) -> JournalWriter | None:

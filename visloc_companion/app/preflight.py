@@ -64,9 +64,11 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
         attempt(lambda: check_journal_folder(config))
     if config.status.socket:
         attempt(lambda: check_status_socket(Path(config.status.socket)))
+    header = journal_header(config, clock.now_ns())
     found = {
         "versions": versions(),
-        "map_manifest_sha256": journal_header(config, clock.now_ns()).map_manifest_sha256,
+        "map_manifest_sha256": header.map_manifest_sha256,
+        "map_signed_by": header.map_signed_by,
         "localiser": about,
     }
     return problems, found

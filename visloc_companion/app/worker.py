@@ -27,7 +27,7 @@ from visloc_companion.protocols import Clock
 from visloc_companion.types import Fix, LocaliseRequest, NoFix, Notice, Severity, WorkerState
 
 WorkerEvent = Fix | NoFix | WorkerState
-FileStamps = tuple[tuple[str, int, int, int], ...]
+FileStamps = tuple[tuple[str, int, int, int, int], ...]
 _WINDOW_S = 60.0
 _PAUSE_S = 60.0
 """After more deaths than `worker.max_restarts`: what kills a worker may pass (memory, heat, a pack that is being copied)."""
@@ -292,12 +292,13 @@ class WorkerSupervisor:
 
 
 def file_stamps(folder: str) -> FileStamps:
-    """What tells whether files of a folder were replaced or written to: name, inode, size and time of each."""
+    """What tells whether files of a folder were replaced or written to: name, inode, size and times of each. That of the last
+    change (ctime) is there for who sets the other one back."""
     stamps = []
     with contextlib.suppress(OSError):
         for path in sorted(Path(folder).rglob("*")) if folder else ():
             stat = path.stat()
-            stamps.append((str(path), stat.st_ino, stat.st_size, stat.st_mtime_ns))
+            stamps.append((str(path), stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns))
     return tuple(stamps)
 
 

@@ -94,8 +94,10 @@ def open_localiser(config: Config) -> OverMap:
     from visloc_companion.app.localiser import configured_localiser
     from visloc_companion.app.terrain import configured_terrain
     from visloc_companion.maps.pack import PackMap
+    from visloc_companion.maps.signature import public_keys
 
-    reference = PackMap.open(Path(config.map.pack), verify_hashes=config.map.verify_hashes)
+    trusted = public_keys(config.map.trusted_keys)
+    reference = PackMap.open(Path(config.map.pack), verify_hashes=config.map.verify_hashes, trusted=trusted)
     localiser, features = configured_localiser(config.localiser, camera_model(config.camera))
     unstored = reference.why_not_stored(features.name, features.recipe) if features else ""
     terrain = configured_terrain(config.localiser, reference)

@@ -21,6 +21,17 @@ from visloc_companion.cli.map_features import (
     features,
     stages,
 )
+from visloc_companion.cli.map_sign import (
+    PassphraseFile,
+    SignKey,
+    TrustedKeys,
+    chosen_signer,
+    described_signature,
+    hashes_bar,
+    make_key,
+    sign,
+    signature_info,
+)
 from visloc_companion.errors import ConfigError
 from visloc_companion.prepare.defaults import FINEST_FEATURES_M
 
@@ -55,6 +66,8 @@ def repeated(args: Sequence[str]) -> list[str]:
 
 
 map_app.command(cls=ManyFiles)(features)
+map_app.command("key")(make_key)
+map_app.command()(sign)
 
 
 @map_app.command(cls=ManyFiles)
@@ -82,6 +95,8 @@ def build(
     ] = None,
     model: Model = "",
     finest_features_m: FinestFeatures = FINEST_FEATURES_M,
+    sign_key: SignKey = None,
+    passphrase_file: PassphraseFile = None,
     json_file: Json = None,
 ) -> None:
     """Make a pack from orthophotos, a surface model and point clouds."""
@@ -108,6 +123,7 @@ def build(
     if not HEIGHTS_M[0] <= ground_h_amsl_m <= HEIGHTS_M[1]:
         raise ConfigError(f"--ground-height-m: no ground is at {ground_h_amsl_m:g} m", remedy="name its height above sea level")
     require_folder(json_file, "--json", *ortho, *(other_dates or ()), *(dsm or ()), *(cloud or ()), out / MANIFEST)
+    signer = chosen_signer(sign_key, passphrase_file)
     networks = chosen_networks(model)
     built = out.resolve()  # a pack that is the working folder is another folder when it is built
     seams: list[str] = []
@@ -128,6 +144,7 @@ def build(
             geoid_undulation_m=geoid_undulation_m,
             networks=networks,
             finest_features_m=finest_features_m,
+            sign=None if signer is None else signer.sign,
             progress=report,
             warn=seams.append,
         )
@@ -137,6 +154,8 @@ def build(
     pixels = f"{manifest.ortho.cols} x {manifest.ortho.rows} px at {manifest.gsd_m:.3g} m"
     typer.echo(f"{out}: {pixels}, {manifest.crs.name}, {size_mb:.1f} MB")
     typer.echo(f"content on {manifest.share_valid:.1%} of it")
+    if signer is not None:
+        typer.echo(f"signed by the key {signer.public.fingerprint}")
     for each in manifest.other_dates:
         typer.echo(f"other date {described_date(each)}")
     echo_features(manifest)
@@ -163,15 +182,18 @@ def build(
 
 
 @map_app.command()
-def info(pack: Pack, json_file: Json = None) -> None:
+def info(pack: Pack, trusted_key: TrustedKeys = None, json_file: Json = None) -> None:
     """Say what a pack holds; hashes are not checked."""
     from visloc_companion.cli.progress import require_folder, write_json
     from visloc_companion.maps.manifest import MANIFEST
     from visloc_companion.maps.pack import PackMap
+    from visloc_companion.maps.signature import public_keys
     from visloc_companion.prepare.check import pack_info
 
     require_folder(json_file, "--json", pack / MANIFEST)
-    result = pack_info(PackMap.open(pack, verify_hashes=False), pack)
+    trusted = trusted_key or []
+    opened = PackMap.open(pack, verify_hashes=False, trusted=public_keys(trusted, "--trusted-key"))
+    result = pack_info(opened, pack) | {"signature": signature_info(pack, trusted)}
     if json_file is not None:
         write_json(json_file, result)
     for key, value in _described(result):
@@ -184,21 +206,26 @@ def check(
     route: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV (lat_deg,lon_deg), .waypoints or .plan.")] = None,
     margin_m: Annotated[float, typer.Option(min=0, max=100_000, help="How far around the route the map must reach.")] = 0.0,
     model: Model = "",
+    trusted_key: TrustedKeys = None,
     json_file: Json = None,
 ) -> None:
-    """Check hashes, how much can be matched, and whether a route stays on the map (exit code 1 if not)."""
+    """Check hashes, signature, how much can be matched, and whether a route stays on the map (exit code 1 if not)."""
     from visloc_companion.cli.progress import require_folder, write_json
     from visloc_companion.maps.manifest import MANIFEST
     from visloc_companion.prepare.check import check_pack
     from visloc_companion.prepare.heights import described_plane, described_range
 
     require_folder(json_file, "--json", route, pack / MANIFEST)
-    verified = _verified(pack)
-    result = check_pack(verified, route, margin_m, chosen_networks(model))
+    trusted = trusted_key or []
+    verified = _verified(pack, trusted)
+    signature = signature_info(pack, trusted)
+    result = check_pack(verified, route, margin_m, chosen_networks(model)) | {"signature": signature}
     if json_file is not None:
         write_json(json_file, result)
     cells = result["matchability"]
     typer.echo(f"{result['files']} files are as built, content on {result['share_valid']:.1%} of the map")
+    if signature["key"] is not None:
+        typer.echo(f"signed {described_signature(signature)}")
     if result["surface"] is not None:
         typer.echo(f"surface {described_range(result['surface'])}")
     if verified.manifest.heights.grid is None:
@@ -217,24 +244,16 @@ def check(
         raise typer.Exit(1)
 
 
-def _verified(folder: Path) -> PackMap:
-    from visloc_companion.cli.progress import bar
-    from visloc_companion.maps.manifest import read_manifest
+def _verified(folder: Path, trusted_keys: Sequence[Path]) -> PackMap:
     from visloc_companion.maps.pack import PackMap
+    from visloc_companion.maps.signature import public_keys, read_signed
     from visloc_companion.maps.verify import verify_files
 
-    manifest = read_manifest(folder)
-    done = 0
-    with bar("hashes", sum(entry.bytes for entry in manifest.files.values())) as advance:
-
-        def checked(name: str, size: int) -> None:
-            nonlocal done
-            del name
-            done += size
-            advance(done)
-
+    trusted = public_keys(trusted_keys, "--trusted-key")
+    manifest = read_signed(folder, trusted)
+    with hashes_bar(manifest) as checked:
         verify_files(folder, manifest, progress=checked)
-    return PackMap.open(folder, verify_hashes=False)
+    return PackMap.open(folder, verify_hashes=False, trusted=trusted)
 
 
 def _datum(text: str) -> Literal["amsl", "ellipsoidal"] | None:
@@ -296,4 +315,5 @@ def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "other date", described_date(OtherDate.model_validate(each))
     yield "source", manifest["source"] or "not stated"
     yield "licence", manifest["licence"] or "not stated"
+    yield "signature", described_signature(result["signature"])
     yield "size", f"{result['bytes'] / 1e6:.1f} MB in {len(manifest['files'])} files"

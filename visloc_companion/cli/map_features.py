@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from visloc_companion.cli.map_sign import PassphraseFile, SignKey, chosen_signer
 from visloc_companion.errors import ConfigError
 from visloc_companion.prepare.defaults import FINEST_FEATURES_M
 
@@ -43,24 +44,40 @@ def features(
     other_dates: OtherDates = None,
     finest_features_m: FinestFeatures = FINEST_FEATURES_M,
     replace: Annotated[bool, typer.Option("--replace", help="Drop the features of other networks.")] = False,
+    sign_key: SignKey = None,
+    passphrase_file: PassphraseFile = None,
     json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result here.")] = None,
 ) -> None:
-    """Store a network's features in a pack that exists; the old one stays as it is until the new one is whole."""
+    """Store a network's features in a pack that exists; the old one stays as it is until the new one is whole. A signature is
+    not kept, as the manifest is another one: sign again."""
     from visloc_companion.cli.progress import require_folder, write_json
     from visloc_companion.maps.manifest import MANIFEST
+    from visloc_companion.maps.signature import SIGNATURE
     from visloc_companion.prepare.add_features import add_features
 
     if model == NO_MODEL and not replace:
         raise ConfigError(f"--model {NO_MODEL} stores nothing", remedy="name a model, or drop all networks' with --replace")
     require_folder(json_file, "--json", pack / MANIFEST, *(other_dates or ()))
+    signer = chosen_signer(sign_key, passphrase_file)
     networks = () if model == NO_MODEL else (_opened(model),)
+    was_signed = (pack / SIGNATURE).exists()
     with stages() as report:
         manifest = add_features(
-            pack, networks, other_dates=other_dates or (), finest_features_m=finest_features_m, replace=replace, progress=report
+            pack,
+            networks,
+            other_dates=other_dates or (),
+            finest_features_m=finest_features_m,
+            replace=replace,
+            signer=signer,
+            progress=report,
         )
     if json_file is not None:
         write_json(json_file, {"schema": 1, "folder": str(pack), "manifest": manifest.model_dump(mode="json")})
     echo_features(manifest)
+    if signer is not None:
+        typer.echo(f"signed by the key {signer.public.fingerprint}")
+    elif was_signed:
+        typer.echo(f"warning: the manifest has changed, so its signature is gone: visloc map sign {pack} --key FILE", err=True)
 
 
 def chosen_networks(model: str) -> tuple[Features, ...]:

@@ -35,6 +35,7 @@ from visloc_companion.evaluate.report_map import MapImage
 from visloc_companion.evaluate.right_place import check_places
 from visloc_companion.evaluate.told import Told
 from visloc_companion.maps.pack import PackMap
+from visloc_companion.maps.signature import public_keys
 from visloc_companion.types import CameraModel
 
 Latency = Literal["arrival", "computation"]
@@ -81,16 +82,19 @@ def open_source(
     pace, is_journal = _pace(speed) if speed is not None else None, _is_journal(flight)
     if is_journal and (system_id or boot):
         raise ConfigError("are for logs, not for journals", where="--system-id, --boot", remedy="leave them out")
+    stated = load_config(config) if config else None
     if is_journal and rerun:  # opens the pack itself, as the daemon's worker does
-        return RerunSource(flight, load_config(config) if config else None, config or flight, pack, salvage, pace)
-    reference = PackMap.open(pack) if pack is not None else None
+        return RerunSource(flight, stated, config or flight, pack, salvage, pace)
+    with stated_in(config or flight):
+        trusted = public_keys(stated.map.trusted_keys) if stated is not None else ()
+    reference = PackMap.open(pack, trusted=trusted) if pack is not None else None
     if is_journal:
-        return JournalSource(flight, load_config(config) if config else None, salvage, reference, pace)
+        return JournalSource(flight, stated, salvage, reference, pace)
     if rerun:
         raise ConfigError("is for journals", where="--rerun", remedy="leave it out: frames beside a log are localised with --map")
     if salvage:
         raise ConfigError("is for journals", where="--salvage", remedy="leave it out: damage of a log is skipped and counted")
-    settings = load_config(config) if config else Config()
+    settings = stated or Config()
     if flight.is_dir():
         folder = open_folder(flight, partial(_find_offset, flight), system_id, boot)
         if folder.camera is not None:

@@ -89,8 +89,11 @@ class RerunSource:
         return record
 
     def _effective(self, header: JournalHeader) -> Config:
-        """The configuration of this run. Raises ConfigError where it states no lens or names no map."""
-        config = self.config or flown_config(header, self.path)
+        """The configuration of this run. Raises ConfigError where it states no lens or names no map.
+
+        The keys that a flight trusted are files of its aircraft: they count where a configuration is given.
+        """
+        config = self.config or _without_keys(flown_config(header, self.path))
         if config.camera.unstated:
             raise ConfigError(
                 f"{', '.join(config.camera.unstated)} not stated",
@@ -143,6 +146,10 @@ class RerunSource:
         from visloc_companion.evaluate.map_image import map_image
 
         return map_image(self._reference, record) if self._reference is not None else None
+
+
+def _without_keys(config: Config) -> Config:
+    return config.model_copy(update={"map": config.map.model_copy(update={"trusted_keys": ()})})
 
 
 def compared(old: Iterable[Entry], new: Iterable[Entry]) -> dict[str, Any]:

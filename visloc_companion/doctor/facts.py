@@ -93,7 +93,8 @@ class MapFacts:
 
     Margins are the distances in metres from a place to the nearest edge of the map, negative outside; None where there is no
     such place. `height_above_surface_m` is the height of home above the map's surface there. `crs_accuracy_m` is what is stated
-    of the relation of the map's CRS to WGS 84, None where nothing is.
+    of the relation of the map's CRS to WGS 84, None where nothing is. `signed_by` is the fingerprint of the trusted key
+    that signed it, `signature_problem` why none of those that are trusted did; both are empty where none is.
     """
 
     problem: str = ""
@@ -106,6 +107,8 @@ class MapFacts:
     height_above_surface_m: float | None = None
     features_missing: str = ""
     crs_accuracy_m: float | None = 0.0
+    signed_by: str = ""
+    signature_problem: str = ""
 
 
 @dataclass(frozen=True, slots=True)

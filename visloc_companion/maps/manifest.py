@@ -181,11 +181,12 @@ def source_entry(path: Path) -> SourceEntry:
     return SourceEntry(file=path.name, sha256=sha256_file(path))
 
 
-def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Write `manifest.json` and its digest."""
-    text = manifest.model_dump_json(indent=1) + "\n"
-    (folder / MANIFEST).write_text(text, encoding="utf-8")
-    (folder / DIGEST).write_text(_digest_line(text.encode()), encoding="utf-8")
+def write_manifest(folder: Path, manifest: Manifest) -> bytes:
+    """Write `manifest.json` and its digest. Returns the bytes of the manifest."""
+    raw = (manifest.model_dump_json(indent=1) + "\n").encode()
+    (folder / MANIFEST).write_bytes(raw)
+    (folder / DIGEST).write_text(_digest_line(raw), encoding="utf-8")
+    return raw
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -193,8 +194,17 @@ def read_manifest(folder: Path) -> Manifest:
 
     Raises HashMismatch where it is not the one that was written, MapError where it is missing, of another schema or wrong.
     """
+    return parsed_manifest(manifest_bytes(folder), folder)
+
+
+def manifest_bytes(folder: Path) -> bytes:
+    """`manifest.json` as it stands there. Raises MapError where it is missing or cannot be read."""
+    return _read(folder / MANIFEST)
+
+
+def parsed_manifest(raw: bytes, folder: Path) -> Manifest:
+    """A manifest of these bytes, checked as `read_manifest` does."""
     where = folder / MANIFEST
-    raw = _read(where)
     digest = _read(folder / DIGEST)
     version = _schema_of(raw, str(where))
     if digest != _digest_line(raw).encode():

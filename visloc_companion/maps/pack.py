@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,12 @@ from visloc_companion.errors import MapError, OutsideMap
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, compose_affine, invert_affine
 from visloc_companion.maps.cloud_tiles import StoredCloud, open_cloud
 from visloc_companion.maps.crs import MapCrs, map_crs
+from visloc_companion.maps.ed25519 import PublicKey
 from visloc_companion.maps.geotiff import DatasetLayer, GeoTiff, open_dsm, open_ortho
 from visloc_companion.maps.grid import GridMap, Heights
 from visloc_companion.maps.layer import Layer, level_shapes
-from visloc_companion.maps.manifest import REBUILD, Grid, Manifest, read_manifest
+from visloc_companion.maps.manifest import REBUILD, Grid, Manifest
+from visloc_companion.maps.signature import read_signed
 from visloc_companion.maps.stored import NEAR_OCTAVES, StoredFeatures, open_stored
 from visloc_companion.maps.verify import verify_files
 from visloc_companion.maps.world_file import as_hashed
@@ -39,12 +42,14 @@ class PackMap(GridMap):
         self.cloud = cloud
 
     @classmethod
-    def open(cls, folder: Path, verify_hashes: bool = True) -> PackMap:
-        """Open a pack; sizes are always checked, hashes unless told not to (about 1 s for each GB).
+    def open(cls, folder: Path, verify_hashes: bool = True, trusted: Sequence[PublicKey] = ()) -> PackMap:
+        """Open a pack; sizes are always checked, hashes unless told not to (about 1 s for each GB). Where keys are trusted the
+        manifest must be signed by one of them, which says of the files what their hashes do.
 
-        Raises MapError for what is no pack, or a damaged one (HashMismatch where a file is not the one it should be).
+        Raises MapError for what is no pack, or a damaged one (HashMismatch where a file is not the one it should be,
+        SignatureInvalid where no trusted key signed it).
         """
-        manifest = read_manifest(folder)
+        manifest = read_signed(folder, trusted)
         verify_files(folder, manifest, hashes=verify_hashes)
         crs = map_crs(manifest.crs.wkt, str(folder / "manifest.json"))
         entry = manifest.heights

@@ -68,6 +68,7 @@ def build_pack(
     geoid_undulation_m: float | None = None,
     networks: Sequence[Features] = (),
     finest_features_m: float = FINEST_FEATURES_M,
+    sign: Callable[[bytes, Path], None] | None = None,
     progress: Progress | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> Manifest:
@@ -79,7 +80,8 @@ def build_pack(
     is the plane `ground_h_amsl_m`. `vertical_datum` is that of the surface; where heights are
     ellipsoidal, h_amsl = h_ell - `geoid_undulation_m`. The gradient's features are stored at all levels, those of `networks`
     at levels from the GSD `finest_features_m` on. An existing pack is replaced when the new one is whole; a build of the same
-    inputs that was broken off is gone on with, and ends in the same bytes. `warn` is told what of the orthophotos and of the
+    inputs that was broken off is gone on with, and ends in the same bytes. `sign` is given the manifest's bytes and the folder
+    before that has its name (`prepare.sign.Signer.sign`). `warn` is told what of the orthophotos and of the
     surface models does not fit together. Returns the manifest. Raises MapError and DatumMissing for files that cannot be used or
     that change meanwhile, too little disk space, and a target that is something else than a pack, ModelError for networks whose
     names are no file names.
@@ -156,7 +158,9 @@ def build_pack(
             other_dates=tuple(date.laid for date in dates),
             files=work.hashed(names, report),
         )
-        write_manifest(work.path, manifest)
+        raw = write_manifest(work.path, manifest)
+        if sign is not None:
+            sign(raw, work.path)
         work.take_name()
     return manifest
 

@@ -117,6 +117,8 @@ CAMERA = [
 ]
 MAP = [
     ap("map-opens", "red", "visloc map build", found(problem="does not have the SHA-256")),
+    ap("map-signature", "red", "visloc map sign", found(signature_problem="is by another key")),
+    ap("map-signature", "amber", "map.trusted_keys", found(signed_by="")),
     ap("map-covers-home", "red", "map", found(home_margin_m=-5000.0)),
     ap("map-covers-home", "amber", "map", found(home_margin_m=40.0)),
     ap("map-covers-mission", "red", "visloc map check", found(mission_margin_m=-10.0)),

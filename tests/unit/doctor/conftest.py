@@ -99,7 +99,7 @@ def good_facts(kind: AutopilotKind) -> Facts:
         config=config,
         link=link,
         camera=CameraFacts(rate_hz=20.0, n_frames=60, dark=0.01, bright=0.02, still=0.0),
-        map=MapFacts("", datetime.now(tz=UTC).date().isoformat(), 0.3, True, 1.0, 400.0, 300.0, 0.5, ""),
+        map=MapFacts("", datetime.now(tz=UTC).date().isoformat(), 0.3, True, 1.0, 400.0, 300.0, 0.5, "", signed_by="ab" * 32),
         model=ModelFacts(True, "", "network on cpu", "cpu"),
         system=SystemFacts(4, 0.5, 2000.0, 0.0, 50.0, "schedutil", True, 64, 10_000.0, "", "", False),
     )

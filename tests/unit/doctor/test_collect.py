@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import re
+import shutil
 import subprocess
 from collections.abc import AsyncIterator
 from dataclasses import replace
@@ -31,6 +32,7 @@ from visloc_companion.doctor.rules.registry import RULES
 from visloc_companion.errors import CameraError
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
+from visloc_companion.prepare.sign import make_keys, open_signer, sign_pack
 from visloc_companion.types import AutopilotKind, CameraModel, FrameRef, GeoPoint, TimesyncSample
 
 
@@ -202,6 +204,20 @@ def test_how_well_a_pack_is_tied_to_wgs_84_is_told(tmp_path: Path, tiny_world: A
 def test_a_pack_that_is_none_is_a_problem(tmp_path: Path) -> None:
     assert "manifest.json" in read_map(parse_config({"map": {"pack": str(tmp_path)}}), None, None).problem
     assert read_map(Config(), None, None) is None
+
+
+def test_a_signature_is_asked_for_where_keys_are_trusted(tmp_path: Path, tiny_world: Any) -> None:
+    pack, pair = tmp_path / "pack", make_keys(tmp_path / "fleet")
+    shutil.copytree(tiny_world.pack, pack)
+    trusting = parse_config({"map": {"pack": str(pack), "trusted_keys": [str(pair.public)]}})
+    unsigned = read_map(trusting, None, None)
+    assert unsigned.problem == unsigned.signed_by == "" and "manifest.sig: is not there" in unsigned.signature_problem
+    sign_pack(pack, open_signer(pair.private))
+    signed, unasked = read_map(trusting, None, None), read_map(parse_config({"map": {"pack": str(pack)}}), None, None)
+    assert (signed.signed_by, signed.signature_problem) == (pair.fingerprint, "")
+    assert unasked == replace(signed, signed_by="")
+    pair.public.unlink()
+    assert "fleet.pub: cannot be read" in read_map(trusting, None, None).signature_problem
 
 
 def test_a_network_answers_its_golden_input_or_is_a_problem(network: Path, tmp_path: Path) -> None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 import secrets
-import stat
 from pathlib import Path
 
 from visloc_companion.adapters.mavlink.signing import KEY_BYTES
 from visloc_companion.errors import ConfigError
+from visloc_companion.private_file import create_file, read_private
 
 _HEX = re.compile(rf"[0-9a-fA-F]{{{2 * KEY_BYTES}}}")
 _MAX_BYTES = 4096
@@ -24,16 +23,7 @@ def read_key(path: Path, field: str = "link.signing_key_file") -> bytes:
     cannot be read, belongs to somebody else, may be read or written by others, or holds no key.
     """
     where = f"{field} = {path}"
-    try:
-        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-            _demand_privacy(os.fstat(file.fileno()), where, path)
-            content = file.read(_MAX_BYTES + 1)
-    except PermissionError as why:
-        remedy = f"run this as the user whose key it is, or make {path} that of the user who runs it (chown, chmod 600)"
-        raise ConfigError(f"cannot be read: {why.strerror}", where=where, remedy=remedy) from why
-    except OSError as why:
-        raise ConfigError(f"cannot be read: {why.strerror}", where=where, remedy="make one with `visloc link-key`") from why
-    return key_of(content, where)
+    return key_of(read_private(path, where, "visloc link-key", _MAX_BYTES + 1), where)
 
 
 def key_of(content: bytes, where: str) -> bytes:
@@ -57,28 +47,5 @@ def write_key(path: Path) -> str:
     Raises ConfigError where it exists already or cannot be made.
     """
     passphrase = secrets.token_urlsafe(_PASSPHRASE_BYTES)
-    try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    except OSError as why:
-        remedy = "name a file that does not exist yet, in a folder that you may write to"
-        raise ConfigError(f"cannot be made: {why.strerror}", where=str(path), remedy=remedy) from why
-    try:
-        with os.fdopen(descriptor, "w", encoding="ascii") as file:
-            file.write(passphrase + "\n")
-    except OSError as why:  # a file without a key would stand in the way of the next try
-        path.unlink(missing_ok=True)
-        raise ConfigError(
-            f"cannot be written: {why.strerror}", where=str(path), remedy="make room, or name another disk"
-        ) from why
+    create_file(path, f"{passphrase}\n".encode("ascii"))
     return passphrase
-
-
-def _demand_privacy(status: os.stat_result, where: str, path: Path) -> None:
-    if not stat.S_ISREG(status.st_mode):
-        raise ConfigError("is no regular file", where=where, remedy="make one with `visloc link-key`")
-    if status.st_uid != os.geteuid():
-        what = f"belongs to user {status.st_uid}, not to the one that visloc runs as ({os.geteuid()})"
-        raise ConfigError(what, where=where, remedy=f"chown {os.geteuid()} {path}")
-    if status.st_mode & 0o077:
-        what = f"may be used by others (mode {stat.S_IMODE(status.st_mode):04o})"
-        raise ConfigError(what, where=where, remedy=f"chmod 600 {path}, and make a new key if others may have read it")

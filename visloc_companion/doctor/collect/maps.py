@@ -10,8 +10,10 @@ from visloc_companion.app.ground_check import Ground, look
 from visloc_companion.config import Config
 from visloc_companion.doctor.facts import LinkFacts, MapFacts
 from visloc_companion.errors import VislocError
+from visloc_companion.maps.manifest import manifest_bytes
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.registration import pack_accuracy_m
+from visloc_companion.maps.signature import public_keys, require_signed
 from visloc_companion.types import GeoPoint
 
 
@@ -23,6 +25,7 @@ def read_map(config: Config, link: LinkFacts | None, network: tuple[str, str] | 
         pack = PackMap.open(Path(config.map.pack), verify_hashes=config.map.verify_hashes)
     except VislocError as why:
         return MapFacts(problem=str(why))
+    signed_by, signature_problem = _signature(config)
     manifest = pack.manifest
     home, mission = (link.home, link.mission) if link is not None else (None, None)
     return MapFacts(
@@ -35,7 +38,19 @@ def read_map(config: Config, link: LinkFacts | None, network: tuple[str, str] | 
         height_above_surface_m=None if home is None else _above_surface(pack, home),
         features_missing="" if network is None else pack.why_not_stored(*network),
         crs_accuracy_m=pack_accuracy_m(pack),
+        signed_by=signed_by,
+        signature_problem=signature_problem,
     )
+
+
+def _signature(config: Config) -> tuple[str, str]:
+    """Who of those that are trusted signed the pack, and why nobody did."""
+    folder = Path(config.map.pack)
+    try:
+        trusted = public_keys(config.map.trusted_keys)
+        return (require_signed(manifest_bytes(folder), folder, trusted) if trusted else ""), ""
+    except VislocError as why:
+        return "", str(why)
 
 
 def margin_m(pack: PackMap, places: Iterable[GeoPoint]) -> float:

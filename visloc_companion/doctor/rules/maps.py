@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from visloc_companion.doctor.facts import Facts, MapFacts
 from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
+from visloc_companion.maps.ed25519 import SHORT
 from visloc_companion.maps.registration import GOOD_M
 
 Judge = Callable[[MapFacts, Facts], Finding]
@@ -33,6 +34,19 @@ def _opens(facts: Facts) -> Finding:
     if facts.map is None:
         return skipped("no map was named", "give --config FILE with map.pack")
     return red(facts.map.problem) if facts.map.problem else green("whole, all hashes right")
+
+
+@map_rule(
+    "map-signature",
+    "map.trusted_keys, the pack's signature",
+    "Whoever can write the pack's folder can exchange the map and its hashes; the place is then wrong by as much as they like.",
+    "visloc map sign PACK --key FILE where packs are built, and the .pub file in map.trusted_keys (docs/maps.md, Signatures)",
+)
+def _signature(found: MapFacts, facts: Facts) -> Finding:
+    del facts
+    if found.signature_problem:
+        return red(found.signature_problem)
+    return green(f"signed by {found.signed_by[:SHORT]}...") if found.signed_by else amber("none is asked for")
 
 
 @map_rule(
@@ -174,6 +188,7 @@ RULES: tuple[Rule, ...] = (
         "what it says; visloc map build makes it again",
         _opens,
     ),
+    _signature,
     _home,
     _mission,
     _datum,
