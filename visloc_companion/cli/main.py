@@ -8,6 +8,7 @@ import sys
 import typer
 
 from visloc_companion import __version__
+from visloc_companion.cli.calibrate import calibrate
 from visloc_companion.cli.demo import demo
 from visloc_companion.cli.doctor import doctor
 from visloc_companion.cli.evaluate import evaluate_app
@@ -36,6 +37,7 @@ app.command()(sim)
 app.command()(demo)
 app.command()(web)
 app.command()(doctor)
+app.command()(calibrate)
 app.command(context_settings={"ignore_unknown_options": True})(here)  # south of the equator its place begins with a minus
 app.command()(link_key)
 app.add_typer(map_app, name="map")

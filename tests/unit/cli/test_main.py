@@ -30,12 +30,12 @@ def test_nothing_heavy_is_imported_before_a_command_runs() -> None:
 def test_every_command_is_named_in_the_help() -> None:
     result = CliRunner().invoke(module.app, ["--help"])
     assert result.exit_code == 0
-    for command in ("run", "replay", "sim", "demo", "web", "map", "evaluate"):
+    for command in ("run", "replay", "sim", "demo", "web", "map", "evaluate", "calibrate"):
         assert f" {command} " in result.output
     assert CliRunner().invoke(module.app, []).output.strip() == result.output.strip()
 
 
-@pytest.mark.parametrize("command", ["run", "replay", "sim", "demo", "web", "map", "evaluate"])
+@pytest.mark.parametrize("command", ["run", "replay", "sim", "demo", "web", "map", "evaluate", "calibrate"])
 def test_every_command_has_help(command: str) -> None:
     result = CliRunner().invoke(module.app, [command, "-h"])
     assert result.exit_code == 0

@@ -1,0 +1,91 @@
+"""`visloc calibrate`: a camera's lens from pictures of a board."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+if TYPE_CHECKING:
+    from visloc_companion.prepare.lens.board import Board
+    from visloc_companion.prepare.lens.calibrate import Calibration
+    from visloc_companion.prepare.lens.pictures import Picture
+
+BOARD = "charuco:11x8:22mm:16mm"
+"""prepare.lens.board.DEFAULT_BOARD, which is not imported for it: --help is quick without OpenCV."""
+
+
+def calibrate(
+    pictures: Annotated[
+        list[Path] | None, typer.Argument(metavar="PICTURES...", help="Pictures of the board, folders of them, or videos.")
+    ] = None,
+    board: Annotated[
+        str,
+        typer.Option(help="charuco:COLUMNSxROWS:SQUARE:MARKER[:DICTIONARY] or chessboard:COLUMNSxROWS:SQUARE (inner corners)."),
+    ] = BOARD,
+    model: Annotated[
+        Literal["auto", "brown_conrady", "fisheye", "rational"],
+        typer.Option(help="camera.distortion_model; auto takes the simplest that views held out do not contradict."),
+    ] = "auto",
+    every: Annotated[int | None, typer.Option(min=1, help="Of videos every so many frames; two a second by default.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="Write section [camera] here, too.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result here.")] = None,
+) -> None:
+    """Calibrate a camera from some 25 pictures of a printed board. Exit codes: 0 good, 1 not good enough, 2 usage, 3 pictures."""
+    from visloc_companion.cli.progress import require_folder, write_json, write_text
+    from visloc_companion.errors import ConfigError
+    from visloc_companion.prepare.lens.board import parse_board
+    from visloc_companion.prepare.lens.document import document, lines, short_line
+    from visloc_companion.prepare.lens.limits import shortcomings
+
+    sheet = parse_board(board)
+    if not pictures:
+        raise ConfigError(
+            "no pictures are named", where="calibrate", remedy="name pictures of the board, a folder of them, or a video"
+        )
+    require_folder(out, "--out", *pictures)
+    require_folder(json_file, "--json", *pictures, out)
+    found = _calibrated(pictures, sheet, model, every)
+    try:
+        for line in lines(found):
+            typer.echo(line)
+        typer.echo("\n" + _toml(found))
+    finally:  # a reader that went away must not cost the files
+        if out is not None:
+            write_text(out, _toml(found), "--out")
+        if json_file is not None:
+            write_json(json_file, document(found))
+    short = shortcomings(found)
+    for each in short:
+        typer.echo(short_line(each), err=True)
+    raise typer.Exit(1 if short else 0)
+
+
+def _calibrated(paths: list[Path], board: Board, model: str, every: int | None) -> Calibration:
+    from visloc_companion.cli.progress import bar
+    from visloc_companion.prepare.lens.calibrate import calibrate as calibrated
+    from visloc_companion.prepare.lens.choose import MODELS
+    from visloc_companion.prepare.lens.pictures import listed, pictures_of
+
+    files = listed(paths)
+
+    def all_of_them() -> Iterator[Picture]:
+        with bar("looking for the board", len(files)) as advance:
+            for k, file in enumerate(files):
+                yield from pictures_of(file, every)
+                advance(k + 1)
+
+    kinds = MODELS if model == "auto" else tuple(kind for kind in MODELS if kind == model)
+    return calibrated(all_of_them(), board, kinds)
+
+
+def _toml(found: Calibration) -> str:
+    """Section [camera] with the line above it that says what it is from."""
+    from datetime import date
+
+    from visloc_companion.cli.toml import to_toml
+    from visloc_companion.prepare.lens.document import comment, document
+
+    return f"{comment(found, date.today())}\n{to_toml({'camera': document(found)['camera']})}"

@@ -1,0 +1,1 @@
+"""Calibration of a camera from pictures of a board (`visloc calibrate`)."""

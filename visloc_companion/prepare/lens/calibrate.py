@@ -1,0 +1,128 @@
+"""From pictures of a board to a lens, with how sure it is and what it does not meet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from visloc_companion.errors import CameraError
+from visloc_companion.prepare.lens.board import Board
+from visloc_companion.prepare.lens.choose import MODELS, Candidate, candidates, chosen
+from visloc_companion.prepare.lens.coverage import Coverage, coverage
+from visloc_companion.prepare.lens.look import Looked, look_at
+from visloc_companion.prepare.lens.pictures import Picture
+from visloc_companion.prepare.lens.strays import without_strays
+from visloc_companion.prepare.lens.sure import covariance
+from visloc_companion.prepare.lens.view import Lens, View, residuals_px
+from visloc_companion.types import DistortionModel, FloatArray
+
+LEAST_VIEWS = 6
+"""With one fifth of the views held out five are left to fit a lens to."""
+OUTLYING, OUTLYING_PX, MOST_OUTLYING = 3.0, 0.25, 0.2
+"""A view that errs so many times as much as most, and by so much, was moving, or its sheet was bent; at most this share may."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """`lens` is that of `candidate`, one of `judged`, on `views`; `covariance` as sure.covariance has it."""
+
+    board: Board
+    looked: Looked
+    views: list[View]
+    outlying: dict[str, float]
+    strays: int
+    judged: list[Candidate]
+    candidate: Candidate
+    lens: Lens
+    covariance: FloatArray
+
+    @property
+    def sigmas(self) -> dict[str, float]:
+        """1-sigma, px, of fx, fy, cx and cy."""
+        values = np.sqrt(np.diag(self.covariance)[:4])
+        return dict(zip(("fx_px", "fy_px", "cx_px", "cy_px"), values.tolist(), strict=True))
+
+    @property
+    def focal_share(self) -> float:
+        """1-sigma of the focal length as a share of it, the larger of both axes': that of heights, too."""
+        return max(self.sigmas["fx_px"] / self.lens.model.fx_px, self.sigmas["fy_px"] / self.lens.model.fy_px)
+
+    @property
+    def errors_px(self) -> FloatArray:
+        """(V,) root mean square residual of each view, over both axes, when it had its part in the fit."""
+        return _errors_px(self.lens, self.views)
+
+    @property
+    def tilts_deg(self) -> list[float]:
+        """By how much the board leaned against the picture's plane in each view."""
+        return [math.degrees(math.acos(min(1.0, abs(float(cv2.Rodrigues(pose[:3])[0][2, 2]))))) for pose in self.lens.poses]
+
+    @property
+    def coverage(self) -> Coverage:
+        """Where in the picture the corners that were used lie."""
+        pix = np.concatenate([view.pix for view in self.views])
+        return coverage(pix, self.looked.size_px, self.looked.lit)
+
+
+def calibrate(
+    pictures: Iterable[Picture], board: Board, kinds: Sequence[DistortionModel] = MODELS, progress: Callable[[str], object] = str
+) -> Calibration:
+    """Raises CameraError where the pictures give no lens: the board is in none or few of them, views contradict each other, or no
+    model fits."""
+    looked = look_at(pictures, board)
+    _require_enough(looked.views, looked, board)
+    views, strays = without_strays(kinds, looked.views, looked.size_px)
+    outlying: dict[str, float] = {}
+    while True:
+        _require_enough(views, looked, board)
+        judged = candidates(kinds, views, looked.size_px, progress)
+        odd = _odd(judged, views)
+        if not odd:
+            break
+        outlying |= odd
+        if len(outlying) > MOST_OUTLYING * len(looked.views):
+            raise CameraError(
+                f"{len(outlying)} of {len(looked.views)} views contradict the others (" + ", ".join(outlying) + ")",
+                where=f"model {', '.join(kinds)}",
+                remedy="hold camera and board still, lay the sheet on something flat; with one --model named, try auto",
+            )
+        views = [view for view in views if view.name not in odd]
+    candidate = chosen(judged)
+    if candidate is None or candidate.lens is None:
+        why = "; ".join(f"{each.kind}: {each.why_not}" for each in judged)
+        raise CameraError(f"no model fits: {why}", where=f"{len(views)} views", remedy=_MORE)
+    lens = candidate.lens
+    return Calibration(board, looked, views, outlying, strays, judged, candidate, lens, covariance(lens, views))
+
+
+_MORE = "take about 25 pictures, the board tilted by 30 to 45° to all sides, some of them close, and some in every corner"
+
+
+def _require_enough(views: list[View], looked: Looked, board: Board) -> None:
+    if len(views) >= LEAST_VIEWS:
+        return
+    total = len(looked.views) + len(looked.left_out)
+    reasons = "; ".join(f"{name} {why}" for name, why in list(looked.left_out.items())[:4])
+    what = f"{len(views)} of {total} pictures can be used, {LEAST_VIEWS} are needed" + (f": {reasons}" if reasons else "")
+    raise CameraError(what, where=board.name, remedy=_MORE)
+
+
+def _odd(judged: list[Candidate], views: list[View]) -> dict[str, float]:
+    """Views that err far more than most under the model that fits most of them best, with their error, px. They had their part in
+    the fit: a good view of what no other shows errs much where it is held out."""
+    errors = [_errors_px(each.lens, views) for each in judged if each.lens is not None]
+    if not errors:
+        return {}
+    best = min(errors, key=lambda each: float(np.median(each)))
+    limit = max(OUTLYING * float(np.median(best)), OUTLYING_PX)
+    return {view.name: float(e) for view, e in zip(views, best, strict=True) if e > limit}
+
+
+def _errors_px(lens: Lens, views: list[View]) -> FloatArray:
+    """(V,) root mean square residual of each view, over both axes."""
+    squares = [np.mean(np.square(residuals_px(lens.model, pose, view))) for pose, view in zip(lens.poses, views, strict=True)]
+    return np.sqrt(squares)

@@ -1,0 +1,83 @@
+"""Which of the distortion models fits a lens: each is fitted to some of the views and judged on the others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from visloc_companion.adapters.camera.calibration import lens_model
+from visloc_companion.config import parse_config
+from visloc_companion.errors import ConfigError
+from visloc_companion.prepare.lens.fit import NoFit, fit
+from visloc_companion.prepare.lens.section import section
+from visloc_companion.prepare.lens.view import Lens, View, placed, residuals_px
+from visloc_companion.types import DistortionModel, FloatArray
+
+MODELS: tuple[DistortionModel, ...] = ("brown_conrady", "fisheye", "rational")
+"""The simplest first: frames of the first are looked at as they are, and the last has twice the coefficients of the second."""
+FOLDS = 5
+WORSE_SIGMAS, WORSE_SHARE = 2.0, 0.02
+"""A simpler model is worse where the views say so by so many of their own sigmas, and its error is larger by such a share."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A model fitted to all views, with the (V,) mean square, px², of each view's residuals (of both axes) under the lens that
+    was fitted without it. `why_not`: what forbids it; empty where nothing does."""
+
+    kind: DistortionModel
+    lens: Lens | None
+    held_out_px2: FloatArray
+    why_not: str = ""
+
+    @property
+    def rms_px(self) -> float:
+        """Of the views held out, over both axes; infinite without a lens."""
+        return math.sqrt(float(np.mean(self.held_out_px2))) if len(self.held_out_px2) else math.inf
+
+
+def candidates(
+    kinds: Sequence[DistortionModel], views: Sequence[View], size_px: tuple[int, int], progress: Callable[[str], object]
+) -> list[Candidate]:
+    """Each model, fitted and judged."""
+    made = []
+    for kind in kinds:
+        progress(kind)
+        made.append(_judged(kind, views, size_px))
+    return made
+
+
+def chosen(of: Sequence[Candidate]) -> Candidate | None:
+    """The simplest that is not significantly worse than the best; None where every one is forbidden."""
+    able = [each for each in of if not each.why_not]
+    if not able:
+        return None
+    best = min(able, key=lambda each: each.rms_px)
+    return next(each for each in able if not is_worse(each, best))
+
+
+def is_worse(one: Candidate, other: Candidate) -> bool:
+    """Whether the views tell that one model errs more than another (a paired comparison)."""
+    more = np.log(one.held_out_px2 / other.held_out_px2)  # a shaken view does not outweigh the rest
+    sigma = float(np.std(more, ddof=1)) / math.sqrt(len(more))
+    return float(np.mean(more)) > max(WORSE_SIGMAS * sigma, 2 * math.log1p(WORSE_SHARE))
+
+
+def _judged(kind: DistortionModel, views: Sequence[View], size_px: tuple[int, int]) -> Candidate:
+    held_out = np.full(len(views), np.nan)
+    try:
+        whole = fit(kind, views, size_px)
+        for fold in range(FOLDS):
+            rest = fit(kind, [view for k, view in enumerate(views) if k % FOLDS != fold], size_px, whole.model)
+            for k in range(fold, len(views), FOLDS):
+                pose = placed(rest.model, whole.poses[k], views[k])
+                held_out[k] = np.mean(np.square(residuals_px(rest.model, pose, views[k])))
+        lens_model(parse_config({"camera": section(whole.model)}).camera)
+    except NoFit as why:
+        return Candidate(kind, None, np.zeros(0), str(why))
+    except ConfigError as why:
+        return Candidate(kind, whole, held_out, why.what)
+    return Candidate(kind, whole, held_out)

@@ -1,0 +1,96 @@
+"""A calibration in words and as plain values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from datetime import date
+from typing import Any
+
+from visloc_companion.geo.pinhole_view import field_of_view_deg, inner_reach
+from visloc_companion.prepare.lens.calibrate import Calibration
+from visloc_companion.prepare.lens.choose import Candidate
+from visloc_companion.prepare.lens.limits import Shortcoming, rms_limit_px, shortcomings
+from visloc_companion.prepare.lens.section import section
+
+
+def document(of: Calibration) -> dict[str, Any]:
+    """Everything, finite or null."""
+    cov = of.coverage
+    return {
+        "schema": 1,
+        "camera": section(of.lens.model),
+        "sigma": {key: _finite(value) for key, value in of.sigmas.items()} | {"focal_share": _finite(of.focal_share)},
+        "covariance": [[_finite(value) for value in row] for row in of.covariance.tolist()],
+        "held_out_rms_px": _finite(of.candidate.rms_px),
+        "held_out_limit_px": rms_limit_px(of.lens.model.width_px),
+        "field_of_view_deg": list(field_of_view_deg(of.lens.model)),
+        "folds_at_share_of_nearest_border": _finite(inner_reach(of.lens.model)),
+        "models": [_model(each) for each in of.judged],
+        "board": of.board.name,
+        "views": [
+            {"name": view.name, "corners": len(view.ids), "rms_px": error, "held_out_rms_px": math.sqrt(out), "tilt_deg": tilt}
+            for view, error, out, tilt in zip(
+                of.views, of.errors_px.tolist(), of.candidate.held_out_px2.tolist(), of.tilts_deg, strict=True
+            )
+        ],
+        "left_out": of.looked.left_out | {name: odd_words(error) for name, error in of.outlying.items()},
+        "corners_astray": of.strays,
+        "coverage": {"cells": cov.counts.tolist(), "share": cov.share, "empty_corners": cov.empty_corners},
+        "good": not shortcomings(of),
+        "shortcomings": [{"what": each.what, "remedy": each.remedy} for each in shortcomings(of)],
+    }
+
+
+def odd_words(error_px: float) -> str:
+    """Why a view was left out that contradicts the others."""
+    return f"contradicts the others, {error_px:.2f} px off: it was moving, or the sheet was bent"
+
+
+def lines(of: Calibration) -> Iterator[str]:
+    """The result in words."""
+    model, sigmas = of.lens.model, of.sigmas
+    for name, why in document(of)["left_out"].items():
+        yield f"not used: {name} {why}"
+    if of.strays:
+        yield f"not used: {of.strays} single corners that were found beside themselves"
+    yield f"{len(of.views)} views of {model.width_px} x {model.height_px} px, {sum(len(v.ids) for v in of.views)} corners"
+    for each in of.judged:
+        mark = "chosen" if each is of.candidate else each.why_not or "not chosen"
+        yield f"{each.kind:13} {each.rms_px:.3f} px on views held out ({mark})" if each.lens else f"{each.kind:13} {mark}"
+    for key, name in (("fx_px", "fx"), ("fy_px", "fy"), ("cx_px", "cx"), ("cy_px", "cy")):
+        yield f"{name} {getattr(model, key):.2f} ± {sigmas[key]:.2f} px"
+    yield f"1-sigma of the focal length {_share(of.focal_share)}: so much of every height above ground"
+    across, down = field_of_view_deg(model)
+    yield f"field of view {across:.1f} x {down:.1f}°"
+    cov = of.coverage
+    where = f"; few or none: {', '.join(cov.emptiest)}" if cov.emptiest else ""
+    yield f"corners were seen in {100 * cov.share:.0f} % of the picture's parts{where}"
+
+
+def comment(of: Calibration, when: date) -> str:
+    """The line over the section: when, from how much, and how good."""
+    short = "; ".join(each.what for each in shortcomings(of))
+    return (
+        f"# visloc calibrate, {when.isoformat()}: {len(of.views)} views of {of.board.name}, "
+        f"{of.candidate.rms_px:.2f} px on views held out, focal length ± {_share(of.focal_share)}"
+        + (f". NOT GOOD: {short}" if short else "")
+    )
+
+
+def short_line(of: Shortcoming) -> str:
+    """One thing that is not met, with its remedy."""
+    return f"NOT GOOD: {of.what}; remedy: {of.remedy}"
+
+
+def _share(share: float) -> str:
+    return f"{100 * share:.2g} %" if share < 1 else "100 % or more"
+
+
+def _model(of: Candidate) -> dict[str, Any]:
+    lens = None if of.lens is None else section(of.lens.model)
+    return {"model": of.kind, "held_out_rms_px": _finite(of.rms_px), "camera": lens, "why_not": of.why_not}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

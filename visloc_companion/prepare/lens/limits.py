@@ -1,0 +1,54 @@
+"""What a calibration has to meet, and what to do where it does not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from visloc_companion.prepare.lens.calibrate import Calibration
+
+FOCAL_SHARE = 0.005
+"""1-sigma of the focal length: half a percent of every height, as in the error budget (docs/error-budget.md)."""
+RMS_SHARE, RMS_PX = 0.0005, 0.5
+"""Error of the views held out: a share of the picture's width, and what is allowed of small pictures."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shortcoming:
+    """What is not met, with the figures, and what mends it."""
+
+    what: str
+    remedy: str
+
+
+def rms_limit_px(width_px: int) -> float:
+    """Most of the error of held-out views in pictures of this width."""
+    return max(RMS_PX, RMS_SHARE * width_px)
+
+
+def shortcomings(of: Calibration) -> list[Shortcoming]:
+    """What the calibration does not meet; empty where it is good."""
+    found = []
+    if not of.focal_share <= FOCAL_SHARE:
+        sigma = f"1-sigma {100 * of.focal_share:.1f} %" if of.focal_share < 1 else "1-sigma of 100 % and more"
+        found.append(
+            Shortcoming(
+                f"the focal length is not determined: {sigma}, at most {100 * FOCAL_SHARE:g} % may be",
+                "more views, in which the board is tilted by 30 to 45° to the left, to the right, forwards and backwards",
+            )
+        )
+    limit_px = rms_limit_px(of.lens.model.width_px)
+    if of.candidate.rms_px > limit_px:
+        found.append(
+            Shortcoming(
+                f"views held out are {of.candidate.rms_px:.2f} px off, at most {limit_px:.2f} may be",
+                "hold camera and board still (a rolling shutter bends what moves), in more light, the sheet flat",
+            )
+        )
+    if corners := of.coverage.empty_corners:
+        found.append(
+            Shortcoming(
+                f"no corner of the board is seen in the picture's {' and '.join(corners)} corner{'s' * (len(corners) > 1)}",
+                f"more views with the board towards the {', '.join(corners)}",
+            )
+        )
+    return found

@@ -1,0 +1,86 @@
+"""Pictures of a board, one after the other: image files, folders of them, and frames of videos."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from visloc_companion.adapters.camera.image import as_stored, decode_image, rgb
+from visloc_companion.errors import CameraError
+from visloc_companion.types import Image
+
+IMAGES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"))
+VIDEOS = frozenset((".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".ts", ".mjpeg"))
+PICTURES_A_SECOND = 2.0
+"""Of a video, where nobody says which: between two the board has moved."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """(H, W) grey pixels and what names them; None where they cannot be read."""
+
+    name: str
+    grey: Image | None
+
+
+def listed(paths: Sequence[Path]) -> list[Path]:
+    """The files meant, those of a folder by name. Raises CameraError for what is not there, and for a folder without pictures."""
+    files: list[Path] = []
+    for path in paths:
+        try:
+            if path.is_dir():
+                inside = sorted(file for file in path.iterdir() if file.suffix.lower() in IMAGES | VIDEOS and file.is_file())
+                if not inside:
+                    raise CameraError("holds no picture and no video", where=str(path), remedy="name a folder with pictures")
+                files += inside
+            elif path.is_file():
+                files.append(path)
+            else:
+                raise CameraError("is not there", where=str(path), remedy="name pictures, folders of pictures, or videos")
+        except OSError as why:
+            raise CameraError(f"cannot be read: {why.strerror}", where=str(path), remedy="check that you may read it") from why
+    return files
+
+
+def pictures_of(file: Path, every: int | None) -> Iterator[Picture]:
+    """The picture of an image file, or every so many frames of a video (two a second where that is not said).
+
+    Raises CameraError for a file that may not be read.
+    """
+    if file.suffix.lower() in VIDEOS:
+        yield from _frames(file, every)
+        return
+    try:
+        pixels = decode_image(file.read_bytes(), keep_grey=True)
+    except OSError as why:
+        raise CameraError(f"cannot be read: {why.strerror}", where=str(file), remedy="check that you may read it") from why
+    yield Picture(file.name, None if pixels is None else _grey(pixels))
+
+
+def _frames(file: Path, every: int | None) -> Iterator[Picture]:
+    video = cv2.VideoCapture()
+    if not video.open(str(file)):
+        yield Picture(file.name, None)
+        return
+    as_stored(video)
+    rate_hz = float(video.get(cv2.CAP_PROP_FPS))
+    step = every or max(1, round(rate_hz / PICTURES_A_SECOND)) if np.isfinite(rate_hz) else 1
+    number = 0
+    try:
+        while video.grab():
+            if number % step == 0:
+                ok, pixels = video.retrieve()
+                yield Picture(f"{file.name} frame {number}", _grey(rgb(np.asarray(pixels))) if ok else None)
+            number += 1
+    finally:
+        video.release()
+    if number == 0:
+        yield Picture(file.name, None)
+
+
+def _grey(pixels: Image) -> Image:
+    return pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)

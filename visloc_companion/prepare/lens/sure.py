@@ -1,0 +1,37 @@
+"""How sure a fitted lens is: what its numbers do when a view is left out.
+
+Corners of one view err together (a bent sheet, blur, a shutter that rolls), so that the covariance of independent residuals
+promises too much. The jackknife over views (Tukey 1958; here in one linear step each, as Cook's distance) does not, and holds for
+every model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from visloc_companion.prepare.lens.view import Lens, View, residuals_px, slopes
+from visloc_companion.types import FloatArray
+
+_LEAST_SCALE = 1e-12
+
+
+def covariance(lens: Lens, views: Sequence[View]) -> FloatArray:
+    """(4 + K, 4 + K) of fx, fy, cx, cy (px) and the coefficients; infinite where the views without one of them leave it open."""
+    told, pulls = [], []
+    for pose, view in zip(lens.poses, views, strict=True):
+        by_pose, by_lens = slopes(lens.model, pose, view)
+        basis, _ = np.linalg.qr(by_pose)
+        of_lens = by_lens - basis @ (basis.T @ by_lens)  # what no other pose of the board would explain
+        told.append(of_lens.T @ of_lens)
+        pulls.append(of_lens.T @ residuals_px(lens.model, pose, view).ravel())
+    whole, n = np.sum(told, axis=0), len(views)
+    scale = 1 / np.sqrt(np.maximum(np.diag(whole), _LEAST_SCALE))
+    outer = np.outer(scale, scale)
+    try:
+        steps = np.array([scale * np.linalg.solve((whole - a) * outer, g * scale) for a, g in zip(told, pulls, strict=True)])
+    except np.linalg.LinAlgError:
+        return np.full(whole.shape, np.inf)
+    found = (n - 1) / n * steps.T @ steps
+    return found if np.isfinite(found).all() else np.full(whole.shape, np.inf)
