@@ -19,19 +19,25 @@ BOARD = "charuco:11x8:22mm:16mm"
 
 def calibrate(
     pictures: Annotated[
-        list[Path] | None, typer.Argument(metavar="PICTURES...", help="Pictures of the board, folders of them, or videos.")
+        list[Path] | None, typer.Argument(metavar="PICTURES", help="Pictures of the board, folders of them, or videos.")
     ] = None,
     board: Annotated[
         str,
-        typer.Option(help="charuco:COLUMNSxROWS:SQUARE:MARKER[:DICTIONARY] or chessboard:COLUMNSxROWS:SQUARE (inner corners)."),
+        typer.Option(
+            metavar="BOARD", help="charuco:SQUARES:SIDE:MARKER or chessboard:INNER_CORNERS:SIDE, e.g. chessboard:9x6:25mm."
+        ),
     ] = BOARD,
     model: Annotated[
         Literal["auto", "brown_conrady", "fisheye", "rational"],
         typer.Option(help="camera.distortion_model; auto takes the simplest that views held out do not contradict."),
     ] = "auto",
     every: Annotated[int | None, typer.Option(min=1, help="Of videos every so many frames; two a second by default.")] = None,
-    out: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="Write section [camera] here, too.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="Write the section here, too.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result here.")] = None,
+    report: Annotated[Path | None, typer.Option(metavar="FILE.html", help="Write a page with pictures of it here.")] = None,
+    print_board: Annotated[
+        Path | None, typer.Option(metavar="FILE.svg|FILE.png", help="Write the board to print at its true size, and end.")
+    ] = None,
 ) -> None:
     """Calibrate a camera from some 25 pictures of a printed board. Exit codes: 0 good, 1 not good enough, 2 usage, 3 pictures."""
     from visloc_companion.cli.progress import require_folder, write_json, write_text
@@ -41,12 +47,16 @@ def calibrate(
     from visloc_companion.prepare.lens.limits import shortcomings
 
     sheet = parse_board(board)
+    if print_board is not None:
+        _write_sheet(print_board, sheet, bool(pictures))
+        return
     if not pictures:
         raise ConfigError(
             "no pictures are named", where="calibrate", remedy="name pictures of the board, a folder of them, or a video"
         )
     require_folder(out, "--out", *pictures)
     require_folder(json_file, "--json", *pictures, out)
+    require_folder(report, "--report", *pictures, out, json_file)
     found = _calibrated(pictures, sheet, model, every)
     try:
         for line in lines(found):
@@ -57,6 +67,10 @@ def calibrate(
             write_text(out, _toml(found), "--out")
         if json_file is not None:
             write_json(json_file, document(found))
+        if report is not None:
+            from visloc_companion.evaluate.lens_report import lens_report
+
+            write_text(report, lens_report(found, _toml(found)), "--report")
     short = shortcomings(found)
     for each in short:
         typer.echo(short_line(each), err=True)
@@ -89,3 +103,23 @@ def _toml(found: Calibration) -> str:
     from visloc_companion.prepare.lens.document import comment, document
 
     return f"{comment(found, date.today())}\n{to_toml({'camera': document(found)['camera']})}"
+
+
+def _write_sheet(path: Path, board: Board, with_pictures: bool) -> None:
+    from visloc_companion.cli.progress import require_folder, result_to
+    from visloc_companion.errors import ConfigError
+    from visloc_companion.prepare.lens.sheet import png, sheet_of, svg
+    from visloc_companion.whole_file import write_result
+
+    forms = {".svg": svg, ".png": png}
+    made = forms.get(path.suffix.lower())
+    if made is None or with_pictures:
+        what = "pictures are named, too" if with_pictures else "its name ends in neither .svg nor .png"
+        raise ConfigError(
+            what, where=str(path), remedy="write visloc calibrate --print-board board.svg, print it, then calibrate"
+        )
+    require_folder(path, "--print-board")
+    sheet = sheet_of(board)
+    with result_to(path, "--print-board"):
+        write_result(path, made(sheet))
+    typer.echo(f"{path}: {board.name} for {sheet.paper}. Print it at 100 %, not fitted to the page, and measure both rulers.")

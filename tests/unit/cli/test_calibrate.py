@@ -45,7 +45,7 @@ def photos(shots: list[Image], tmp_path_factory: pytest.TempPathFactory) -> Path
 @pytest.fixture(scope="module")
 def done(photos: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
     folder = tmp_path_factory.mktemp("results")
-    wishes = ("--out", folder / "camera.toml", "--json", folder / "c.json")
+    wishes = ("--out", folder / "camera.toml", "--json", folder / "c.json", "--report", folder / "c.html")
     return visloc(photos, *wishes), folder
 
 
@@ -135,3 +135,25 @@ def test_pictures_that_are_none_are_3(tmp_path: Path) -> None:
         with pytest.raises(CameraError, match=said) as refused:
             module.app(["calibrate", str(path)], standalone_mode=False)
         assert module.exit_code(refused.value) == 3
+
+
+def test_the_report_shows_all_of_it(done: tuple[Result, Path]) -> None:
+    page = (done[1] / "c.html").read_text(encoding="utf-8")
+    for words in ("GOOD", "every limit is met", "p03.jpg", "cannot be read as a picture", "fx_px = ", "chosen"):
+        assert words in page
+    assert page.count('<svg viewBox="0 0 664') == 2
+    assert "nan" not in page
+
+
+@pytest.mark.parametrize("name", ["board.svg", "board.png"])
+def test_the_board_is_written_to_print(tmp_path: Path, name: str) -> None:
+    result = visloc("--print-board", tmp_path / name)
+    assert result.exit_code == 0
+    assert "charuco:11x8:22mm:16mm:4X4_50 for A4" in result.stdout
+    assert (tmp_path / name).stat().st_size > 5000
+
+
+def test_a_board_to_print_has_a_form_of_its_own(photos: Path, tmp_path: Path) -> None:
+    for arguments, said in ((["--print-board", "board.pdf"], "neither"), ([str(photos), "--print-board", "b.svg"], "named, too")):
+        with pytest.raises(ConfigError, match=said):
+            module.app(["calibrate", *arguments], standalone_mode=False)

@@ -1,6 +1,6 @@
 """Lens and poses together by damped least squares (Levenberg and Marquardt, poses eliminated), from a lens that is roughly right.
 
-OpenCV's own for fisheye lenses stops far off, or at once, where a wide lens is not known beforehand (docs/decisions/0083).
+OpenCV's own for fisheye lenses finds none of 178° (docs/decisions/0083-wide-lenses-are-fitted-here.md).
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ def document(of: Calibration) -> dict[str, Any]:
                 of.views, of.errors_px.tolist(), of.candidate.held_out_px2.tolist(), of.tilts_deg, strict=True
             )
         ],
-        "left_out": of.looked.left_out | {name: odd_words(error) for name, error in of.outlying.items()},
+        "left_out": left_out_words(of),
         "corners_astray": of.strays,
         "coverage": {"cells": cov.counts.tolist(), "share": cov.share, "empty_corners": cov.empty_corners},
         "good": not shortcomings(of),
@@ -42,15 +42,16 @@ def document(of: Calibration) -> dict[str, Any]:
     }
 
 
-def odd_words(error_px: float) -> str:
-    """Why a view was left out that contradicts the others."""
-    return f"contradicts the others, {error_px:.2f} px off: it was moving, or the sheet was bent"
+def left_out_words(of: Calibration) -> dict[str, str]:
+    """Why each of the pictures that were not used was not."""
+    why = "contradicts the others, {:.2f} px off: it was moving, or the sheet was bent"
+    return of.looked.left_out | {name: why.format(error_px) for name, error_px in of.outlying.items()}
 
 
 def lines(of: Calibration) -> Iterator[str]:
     """The result in words."""
     model, sigmas = of.lens.model, of.sigmas
-    for name, why in document(of)["left_out"].items():
+    for name, why in left_out_words(of).items():
         yield f"not used: {name} {why}"
     if of.strays:
         yield f"not used: {of.strays} single corners that were found beside themselves"
@@ -60,7 +61,7 @@ def lines(of: Calibration) -> Iterator[str]:
         yield f"{each.kind:13} {each.rms_px:.3f} px on views held out ({mark})" if each.lens else f"{each.kind:13} {mark}"
     for key, name in (("fx_px", "fx"), ("fy_px", "fy"), ("cx_px", "cx"), ("cy_px", "cy")):
         yield f"{name} {getattr(model, key):.2f} ± {sigmas[key]:.2f} px"
-    yield f"1-sigma of the focal length {_share(of.focal_share)}: so much of every height above ground"
+    yield f"1-sigma of the focal length {share_words(of.focal_share)}: so much of every height above ground"
     across, down = field_of_view_deg(model)
     yield f"field of view {across:.1f} x {down:.1f}°"
     cov = of.coverage
@@ -73,7 +74,7 @@ def comment(of: Calibration, when: date) -> str:
     short = "; ".join(each.what for each in shortcomings(of))
     return (
         f"# visloc calibrate, {when.isoformat()}: {len(of.views)} views of {of.board.name}, "
-        f"{of.candidate.rms_px:.2f} px on views held out, focal length ± {_share(of.focal_share)}"
+        f"{of.candidate.rms_px:.2f} px on views held out, focal length ± {share_words(of.focal_share)}"
         + (f". NOT GOOD: {short}" if short else "")
     )
 
@@ -83,7 +84,8 @@ def short_line(of: Shortcoming) -> str:
     return f"NOT GOOD: {of.what}; remedy: {of.remedy}"
 
 
-def _share(share: float) -> str:
+def share_words(share: float) -> str:
+    """A sigma as a share, in per cent."""
     return f"{100 * share:.2g} %" if share < 1 else "100 % or more"
 
 
