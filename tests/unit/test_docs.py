@@ -34,7 +34,7 @@ FILE_SUFFIXES = ("toml", "mcap")
 SETTINGS = r"`((?:link|camera|map|localiser|worker|navigator|gnss|injection|journal|clock|status)\.[a-z_0-9]+)`"
 
 COMMANDS: Any = typer.main.get_command(app)
-COMMAND = re.compile(r"(?:\S*/)?visloc ((?:run|replay|sim|demo|web|doctor|here|link-key|map|evaluate|train)\b.*)$")
+COMMAND = re.compile(r"(?:\S*/)?visloc ((?:run|replay|sim|demo|web|doctor|calibrate|here|link-key|map|evaluate|train)\b.*)$")
 
 
 def text_of(page: Path) -> str:
@@ -100,6 +100,7 @@ def test_the_documentation_names_every_command() -> None:
         "demo",
         "web",
         "doctor",
+        "calibrate",
         "here",
         "link-key",
         "map build",

@@ -66,6 +66,12 @@ def _tiles(of: Calibration) -> str:
             (str(len(of.views)), f"views used, {len(of.looked.left_out) + len(of.outlying)} left out"),
             (f"{100 * of.coverage.share:.0f} %", "of the picture's parts show corners of the board"),
             *numbers,
+            (
+                f"{1e3 * of.sheet.bent_m:.1f} mm, {100 * of.sheet.stretched:+.1f} %" if of.sheet.sure else "flat",
+                f"sheet: bent, longer across; focal length {share_words(of.sheet.focal_share)} off for it"
+                if of.sheet.sure
+                else "the sheet, and alike across and down, as far as the views tell",
+            ),
         ]
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -90,10 +91,17 @@ def poses(
     return made
 
 
-def corners_seen(model: CameraModel, board: Board, pose: Pose, rng: np.random.Generator, sigma_px: float) -> View:
-    """The corners within the picture, with noise of their own, as a view: no picture is rendered."""
+def corners_seen(
+    model: CameraModel,
+    board: Board,
+    pose: Pose,
+    rng: np.random.Generator,
+    sigma_px: float,
+    warped: Callable[[FloatArray], FloatArray] = np.asarray,
+) -> View:
+    """The corners within the picture, with noise of their own, as a view of a sheet that may be `warped`; none is rendered."""
     R, t = pose
-    at = board.corners_m @ R.T + t
+    at = warped(board.corners_m) @ R.T + t
     pix = project(model, at)
     inside = np.all((pix > 8) & (pix < (model.width_px - 9, model.height_px - 9)), axis=1) & (at[:, 2] > 0)
     ids = np.flatnonzero(inside & (np.hypot(at[:, 0], at[:, 1]) < reach_tan(model) * at[:, 2]))

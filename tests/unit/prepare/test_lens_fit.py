@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from tests.unit.prepare.board_pictures import BROWN, LENSES, corners_seen, poses
 from visloc_companion.prepare.lens.board import DEFAULT_BOARD, parse_board
 from visloc_companion.prepare.lens.choose import candidates, chosen, is_worse
 from visloc_companion.prepare.lens.fit import NoFit, fit
+from visloc_companion.prepare.lens.flat import Warp, warp
 from visloc_companion.prepare.lens.sure import covariance
 from visloc_companion.prepare.lens.view import View
-from visloc_companion.types import CameraModel
+from visloc_companion.types import CameraModel, FloatArray
 
 BOARD = parse_board(DEFAULT_BOARD)
 SIZE = (640, 480)
@@ -91,3 +93,45 @@ def test_nothing_is_made_of_nonsense() -> None:
     views = [View("", np.arange(12), where, np.full((12, 2), 5.0) + rng.normal(0, 1e-9, (12, 2))) for _ in range(6)]
     with pytest.raises(NoFit, match="no fisheye lens"):
         fit("fisheye", views, SIZE)
+
+
+def bowed(at_m: FloatArray) -> FloatArray:
+    """By 2 mm over the sheet's 242 mm across."""
+    u = at_m[:, 0] / 0.121 - 1
+    return at_m + np.column_stack([0 * u, 0 * u, 0.002 * (1 - u * u)])
+
+
+def stretched(at_m: FloatArray) -> FloatArray:
+    """Longer by 1 % across."""
+    return at_m * (1.01, 1.0, 1.0)
+
+
+def told_of(model: CameraModel, seed: int, warped: Callable[[FloatArray], FloatArray]) -> tuple[Warp, float]:
+    """What is told of the sheet, and the larger error of both focal lengths, as a share."""
+    rng = np.random.default_rng(seed)
+    views = [corners_seen(model, BOARD, pose, rng, NOISE_PX, warped) for pose in poses(model, BOARD, VIEWS, rng)]
+    views = [view for view in views if len(view.ids) >= 10]
+    lens = fit(model.distortion_model, views, SIZE)
+    off = numbers(lens.model)[:2] / numbers(model)[:2] - 1
+    return warp(lens, views, BOARD), float(np.abs(off).max())
+
+
+@pytest.mark.parametrize("model", [BROWN, LENSES[2]], ids=lambda model: model.distortion_model)
+@pytest.mark.parametrize("warped", [bowed, stretched])
+def test_a_sheet_that_is_not_flat_or_not_alike_is_told(model: CameraModel, warped: Callable[[FloatArray], FloatArray]) -> None:
+    """The residuals are small (0.25 px), and the focal length is off by 0.4 to 2 %, which is told to a tenth of a percent."""
+    for seed in range(3):
+        sheet, off = told_of(model, seed, warped)
+        assert sheet.sure
+        assert off > 0.003
+        assert sheet.focal_share == pytest.approx(off, abs=0.0015)
+        assert sheet.bent_m == pytest.approx(0.00134 if warped is bowed else 0.0, abs=0.0001)  # of the inner corners
+        assert sheet.stretched == pytest.approx(0.0 if warped is bowed else 0.01, abs=0.001)
+
+
+def test_a_good_sheet_is_not_doubted() -> None:
+    for seed in range(6):
+        sheet, off = told_of(BROWN, seed, np.asarray)
+        assert not sheet.sure
+        assert sheet.focal_share < 0.001
+        assert off < 0.002

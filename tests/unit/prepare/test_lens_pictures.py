@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -11,11 +12,11 @@ import pytest
 from tests.unit.prepare.board_pictures import BROWN, FISHEYE, LENSES, RATIONAL, Photographer, poses
 from visloc_companion.errors import CameraError
 from visloc_companion.geo.camera import project, unproject
-from visloc_companion.prepare.lens.board import DEFAULT_BOARD, parse_board
+from visloc_companion.prepare.lens.board import DEFAULT_BOARD, Board, parse_board
 from visloc_companion.prepare.lens.calibrate import Calibration, calibrate
 from visloc_companion.prepare.lens.limits import shortcomings
 from visloc_companion.prepare.lens.pictures import Picture
-from visloc_companion.types import CameraModel, Image
+from visloc_companion.types import CameraModel, FloatArray, Image
 
 BOARD = parse_board(DEFAULT_BOARD)
 Shots = dict[str, list[Image]]
@@ -138,6 +139,23 @@ def test_boards_that_are_never_tilted_do_not_pass() -> None:
     assert "focal length is not determined" in short[0].what
     assert "tilted" in short[0].remedy
     assert max(found.tilts_deg) < 5
+
+
+def test_a_sheet_that_was_stretched_does_not_pass(shots: Shots, brown: Calibration) -> None:
+    assert not brown.sheet.sure
+    told = BoardOfOtherColumns(BOARD.kind, BOARD.columns, BOARD.rows, BOARD.square_m, BOARD.marker_m, BOARD.dictionary)
+    found = calibrate(named(shots["brown_conrady"]), told, ("brown_conrady",))
+    short, *_ = shortcomings(found)
+    assert "the sheet is 2.0 % longer across than down: the focal length is" in short.what
+    assert "measure both rulers" in short.remedy
+
+
+class BoardOfOtherColumns(Board):
+    """Whose columns are told to be narrower by 2 % than they were printed."""
+
+    @cached_property
+    def corners_m(self) -> FloatArray:
+        return super().corners_m * (1 / 1.02, 1.0, 1.0)
 
 
 def test_a_corner_of_the_picture_without_the_board_is_named(shots: Shots) -> None:

@@ -73,7 +73,7 @@ def lens_model(camera: CameraConfig) -> CameraModel:
         raise ConfigError(
             why,
             where="camera.distortion",
-            remedy="check order and signs of the coefficients and that they belong to this width_px and fx_px, or calibrate anew",
+            remedy="check order and signs of the coefficients, and that they belong to this width_px and fx_px; or calibrate",
         )
     return model
 

@@ -144,7 +144,7 @@ def _mask(camera: CameraConfig, facts: Facts) -> Finding:
     "camera-focal-length",
     "camera.fx_px camera.width_px",
     "A focal length that is wrong by 1 % is a height that is wrong by 1 %; a wild one matches nothing.",
-    "calibrate, and write fx_px and fy_px for this image size (docs/on-a-drone.md, Calibration)",
+    "visloc calibrate at this image size, and write fx_px and fy_px (docs/on-a-drone.md, Calibration)",
 )
 def _focal(camera: CameraConfig, facts: Facts) -> Finding:
     del facts
@@ -170,7 +170,7 @@ def _wide(camera: CameraConfig) -> Finding:
     "camera-lens",
     "camera.distortion_model camera.distortion",
     "A mapping that folds back within the picture is none of a lens: coefficients in another order, or of another model.",
-    "check distortion_model, order and signs; calibrate again with views that reach into the corners",
+    "check distortion_model, order and signs; visloc calibrate, with views that reach into the corners",
 )
 def _lens(camera: CameraConfig, facts: Facts) -> Finding:
     del facts
@@ -216,7 +216,7 @@ def _principal(camera: CameraConfig, facts: Facts) -> Finding:
     "camera-calibrated",
     "camera.distortion camera.fx_px",
     "The defaults are no calibration of any camera.",
-    "calibrate with OpenCV (at least 20 views), and write fx_px, fy_px, cx_px, cy_px and distortion",
+    "visloc calibrate (25 pictures of a printed board), and write its fx_px, fy_px, cx_px, cy_px and distortion",
 )
 def _calibrated(camera: CameraConfig, facts: Facts) -> Finding:
     del facts

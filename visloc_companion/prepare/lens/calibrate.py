@@ -13,6 +13,7 @@ from visloc_companion.errors import CameraError
 from visloc_companion.prepare.lens.board import Board
 from visloc_companion.prepare.lens.choose import MODELS, Candidate, candidates, chosen
 from visloc_companion.prepare.lens.coverage import Coverage, coverage
+from visloc_companion.prepare.lens.flat import Warp, warp
 from visloc_companion.prepare.lens.look import Looked, look_at
 from visloc_companion.prepare.lens.pictures import Picture
 from visloc_companion.prepare.lens.strays import without_strays
@@ -28,7 +29,8 @@ OUTLYING, OUTLYING_PX, MOST_OUTLYING = 3.0, 0.25, 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """`lens` is that of `candidate`, one of `judged`, on `views`; `covariance` as sure.covariance has it."""
+    """`lens` is that of `candidate`, one of `judged`, on `views`; `covariance` as sure.covariance has it, `sheet`
+    what the views tell of the sheet they show."""
 
     board: Board
     looked: Looked
@@ -39,6 +41,7 @@ class Calibration:
     candidate: Candidate
     lens: Lens
     covariance: FloatArray
+    sheet: Warp
 
     @property
     def sigmas(self) -> dict[str, float]:
@@ -96,7 +99,9 @@ def calibrate(
         why = "; ".join(f"{each.kind}: {each.why_not}" for each in judged)
         raise CameraError(f"no model fits: {why}", where=f"{len(views)} views", remedy=_MORE)
     lens = candidate.lens
-    return Calibration(board, looked, views, outlying, strays, judged, candidate, lens, covariance(lens, views))
+    return Calibration(
+        board, looked, views, outlying, strays, judged, candidate, lens, covariance(lens, views), warp(lens, views, board)
+    )
 
 
 _MORE = "take about 25 pictures, the board tilted by 30 to 45° to all sides, some of them close, and some in every corner"

@@ -10,7 +10,7 @@ from typing import Any
 from visloc_companion.geo.pinhole_view import field_of_view_deg, inner_reach
 from visloc_companion.prepare.lens.calibrate import Calibration
 from visloc_companion.prepare.lens.choose import Candidate
-from visloc_companion.prepare.lens.limits import Shortcoming, rms_limit_px, shortcomings
+from visloc_companion.prepare.lens.limits import Shortcoming, rms_limit_px, sheet_words, shortcomings
 from visloc_companion.prepare.lens.section import section
 
 
@@ -36,6 +36,12 @@ def document(of: Calibration) -> dict[str, Any]:
         ],
         "left_out": left_out_words(of),
         "corners_astray": of.strays,
+        "sheet": {
+            "bent_m": of.sheet.bent_m,
+            "stretched_share": of.sheet.stretched,
+            "focal_share": of.sheet.focal_share,
+            "sure": of.sheet.sure,
+        },
         "coverage": {"cells": cov.counts.tolist(), "share": cov.share, "empty_corners": cov.empty_corners},
         "good": not shortcomings(of),
         "shortcomings": [{"what": each.what, "remedy": each.remedy} for each in shortcomings(of)],
@@ -62,6 +68,10 @@ def lines(of: Calibration) -> Iterator[str]:
     for key, name in (("fx_px", "fx"), ("fy_px", "fy"), ("cx_px", "cx"), ("cy_px", "cy")):
         yield f"{name} {getattr(model, key):.2f} ± {sigmas[key]:.2f} px"
     yield f"1-sigma of the focal length {share_words(of.focal_share)}: so much of every height above ground"
+    if of.sheet.sure:
+        yield f"the sheet is {sheet_words(of.sheet)}, and the focal length {100 * of.sheet.focal_share:.2f} % off for it"
+    else:
+        yield "the sheet is flat and alike across and down, as far as the views tell"
     across, down = field_of_view_deg(model)
     yield f"field of view {across:.1f} x {down:.1f}°"
     cov = of.coverage

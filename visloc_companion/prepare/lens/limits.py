@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from visloc_companion.prepare.lens.calibrate import Calibration
+from visloc_companion.prepare.lens.flat import Warp
 
 FOCAL_SHARE = 0.005
-"""1-sigma of the focal length: half a percent of every height, as in the error budget (docs/error-budget.md)."""
+"""1-sigma of the focal length, and its error for a sheet that is not flat: half a percent of every height, as in the error budget
+(docs/error-budget.md)."""
 RMS_SHARE, RMS_PX = 0.0005, 0.5
 """Error of the views held out: a share of the picture's width, and what is allowed of small pictures."""
 
@@ -25,10 +27,26 @@ def rms_limit_px(width_px: int) -> float:
     return max(RMS_PX, RMS_SHARE * width_px)
 
 
+def sheet_words(sheet: Warp) -> str:
+    """How the sheet was not as it was told to be."""
+    way = "longer" if sheet.stretched > 0 else "shorter"
+    told = [(f"bent by {1e3 * sheet.bent_m:.1f} mm", 1e4 * sheet.bent_m >= 1)]
+    told.append((f"{100 * abs(sheet.stretched):.1f} % {way} across than down", 1e3 * abs(sheet.stretched) >= 1))
+    return " and ".join(words for words, counts in told if counts) or "not quite flat"
+
+
 def shortcomings(of: Calibration) -> list[Shortcoming]:
     """What the calibration does not meet; empty where it is good."""
     found = []
-    if not of.focal_share <= FOCAL_SHARE:
+    if of.sheet.sure and of.sheet.focal_share > FOCAL_SHARE:
+        found.append(
+            Shortcoming(
+                f"the sheet is {sheet_words(of.sheet)}: the focal length is {100 * of.sheet.focal_share:.1f} % off for it, "
+                f"at most {100 * FOCAL_SHARE:g} % may be",
+                "lay it on something flat (glass, a door) and measure both rulers; print it again where they differ",
+            )
+        )
+    elif not of.focal_share <= FOCAL_SHARE:
         sigma = f"1-sigma {100 * of.focal_share:.1f} %" if of.focal_share < 1 else "1-sigma of 100 % and more"
         found.append(
             Shortcoming(
