@@ -92,7 +92,7 @@ def _calibrated(paths: list[Path], board: Board, model: str, every: int | None) 
                 advance(k + 1)
 
     kinds = MODELS if model == "auto" else tuple(kind for kind in MODELS if kind == model)
-    return calibrated(all_of_them(), board, kinds)
+    return calibrated(all_of_them(), board, kinds, lambda kind: typer.echo(f"fitting {kind}", err=True))
 
 
 def _toml(found: Calibration) -> str:

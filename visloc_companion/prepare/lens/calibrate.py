@@ -78,11 +78,11 @@ def calibrate(
     model fits."""
     looked = look_at(pictures, board)
     _require_enough(looked.views, looked, board)
-    views, strays = without_strays(kinds, looked.views, looked.size_px)
+    views, strays, near = without_strays(kinds, looked.views, looked.size_px)
     outlying: dict[str, float] = {}
     while True:
         _require_enough(views, looked, board)
-        judged = candidates(kinds, views, looked.size_px, progress)
+        judged = candidates(kinds, views, looked.size_px, progress, near)
         odd = _odd(judged, views)
         if not odd:
             break

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from visloc_companion.errors import ConfigError
 from visloc_companion.prepare.lens.fit import NoFit, fit
 from visloc_companion.prepare.lens.section import section
 from visloc_companion.prepare.lens.view import Lens, View, placed, residuals_px
-from visloc_companion.types import DistortionModel, FloatArray
+from visloc_companion.types import CameraModel, DistortionModel, FloatArray
 
 MODELS: tuple[DistortionModel, ...] = ("brown_conrady", "fisheye", "rational")
 """The simplest first: frames of the first are looked at as they are, and the last has twice the coefficients of the second."""
@@ -40,13 +40,17 @@ class Candidate:
 
 
 def candidates(
-    kinds: Sequence[DistortionModel], views: Sequence[View], size_px: tuple[int, int], progress: Callable[[str], object]
+    kinds: Sequence[DistortionModel],
+    views: Sequence[View],
+    size_px: tuple[int, int],
+    progress: Callable[[str], object],
+    near: Mapping[DistortionModel, CameraModel],
 ) -> list[Candidate]:
-    """Each model, fitted and judged."""
+    """Each model, fitted and judged; `near` has what the lens is about."""
     made = []
     for kind in kinds:
         progress(kind)
-        made.append(_judged(kind, views, size_px))
+        made.append(_judged(kind, views, size_px, near.get(kind)))
     return made
 
 
@@ -66,10 +70,10 @@ def is_worse(one: Candidate, other: Candidate) -> bool:
     return float(np.mean(more)) > max(WORSE_SIGMAS * sigma, 2 * math.log1p(WORSE_SHARE))
 
 
-def _judged(kind: DistortionModel, views: Sequence[View], size_px: tuple[int, int]) -> Candidate:
+def _judged(kind: DistortionModel, views: Sequence[View], size_px: tuple[int, int], near: CameraModel | None) -> Candidate:
     held_out = np.full(len(views), np.nan)
     try:
-        whole = fit(kind, views, size_px)
+        whole = fit(kind, views, size_px, near)
         for fold in range(FOLDS):
             rest = fit(kind, [view for k, view in enumerate(views) if k % FOLDS != fold], size_px, whole.model)
             for k in range(fold, len(views), FOLDS):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import cv2
 import numpy as np
@@ -13,7 +14,8 @@ from visloc_companion.prepare.lens.view import Lens, View
 from visloc_companion.types import DISTORTION_COEFFICIENTS, CameraModel, DistortionModel
 
 FOCAL_SHARES = (1.0, 0.5, 1.8)
-"""Of the picture's width: where a fit begins that OpenCV did not know how to begin."""
+"""Of the picture's width: where a fit begins beside OpenCV's own beginning, from which it may end at less than the best (1 of 20
+rational lenses)."""
 FISHEYE_SHARES = (0.2, 0.25, 0.32, 0.4, 0.5, 0.65, 0.85, 1.1, 1.5, 2.2)
 """The same of an equidistant lens, whose view across is the inverse in radians: of 26 to 286 degrees."""
 _STEPS = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)
@@ -42,14 +44,11 @@ def _fisheye(views: Sequence[View], size_px: tuple[int, int], near: CameraModel 
 
 def _perspective(kind: DistortionModel, views: Sequence[View], size_px: tuple[int, int], near: CameraModel | None) -> Lens | None:
     begun = [None, *(_straight(kind, size_px, share) for share in FOCAL_SHARES)]
+    found = []
     for start in [near] if near is not None else begun:
-        try:
-            lens = _of_opencv(kind, views, size_px, start)
-        except cv2.error:
-            continue
-        if _is_sound(lens):
-            return lens
-    return None
+        with suppress(cv2.error):
+            found.append(_of_opencv(kind, views, size_px, start))
+    return min((lens for lens in found if _is_sound(lens)), key=lambda lens: cost(lens, views), default=None)
 
 
 def _is_sound(lens: Lens) -> bool:
