@@ -154,7 +154,7 @@ def require_lens(config: Config) -> None:
         raise ConfigError(
             f"{', '.join(config.camera.unstated)} not stated, but camera.url is set",
             where="camera",
-            remedy="write what visloc calibrate finds: none is assumed (docs/on-a-drone.md, Calibration)",
+            remedy="write the calibration's values: none is assumed (docs/on-a-drone.md, Calibration)",
         )
 
 
