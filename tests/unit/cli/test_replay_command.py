@@ -328,6 +328,14 @@ def test_a_truth_of_elsewhere_is_refused_beside_a_map(log: Path, tmp_path: Path,
     assert re.search(r"All places of the truth lie \d+ km and more from the log's positions: are they of one flight\?", text)
 
 
+def test_a_truth_that_lies_elsewhere_than_gnss_that_is_ok_is_told_of(log: Path, tmp_path: Path) -> None:
+    rows = [f"{60_000_000 + 100_000 * k},{47.5 + k * 4.5e-6},8.55,540" for k in range(100)]
+    (tmp_path / "truth.csv").write_text("t_us,lat_deg,lon_deg,h_amsl_m\n" + "\n".join(rows))
+    code, text = run(log.parent)
+    assert code == 0
+    assert re.search(r"WARNING: while GNSS counted as OK, the receiver lay 111\d\d m from the truth \(median\)", text)
+
+
 def test_what_the_operator_would_have_been_told_is_among_the_notes(log: Path) -> None:
     mav = mavlink2.MAVLink(None, srcSystem=1, srcComponent=1)
     pieces = []
