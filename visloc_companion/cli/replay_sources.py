@@ -35,6 +35,7 @@ from visloc_companion.evaluate.report_map import MapImage
 from visloc_companion.evaluate.right_place import check_places
 from visloc_companion.evaluate.told import Told
 from visloc_companion.evaluate.trusted_gnss import far_from_truth_noted
+from visloc_companion.evaluate.unasked import unasked_noted
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.signature import public_keys
 from visloc_companion.types import CameraModel
@@ -152,6 +153,7 @@ class LogSource:
     folder: FlightFolder | None
     latency: Latency = "computation"
     place_notes: list[str] = field(default_factory=list)
+    flight_notes: list[str] = field(default_factory=list)
     told: Told = field(default_factory=Told)
     changes: dict[str, Any] = field(default_factory=dict)
     truth_share: float = 0.0
@@ -175,7 +177,10 @@ class LogSource:
             record = from_entries(self.told.heard(entries), truth, t0_ns=events[0][0] if events else None)
         self.truth_share = float(np.mean(np.isfinite(record.truth_ned_m[:, 0]))) if len(record.t_s) else 0.0
         self.changes = {"verdicts": record.changes(record.verdicts), "modes": record.changes(record.modes)}
-        self.place_notes = [*self.place_notes, *far_from_truth_noted(record)]
+        self.flight_notes = far_from_truth_noted(record)
+        if self.eyes is not None:
+            least_m = self.config.navigator.min_height_m
+            self.flight_notes += unasked_noted(record.n_frames, record.n_requests, events, least_m)
         return record
 
     def _eyes(self) -> RecordedEyes | None:
@@ -208,7 +213,7 @@ class LogSource:
             notes.append(
                 f"The log holds no usable message of: {', '.join(missing)}. Without them little or nothing is estimated."
             )
-        notes += [*self.recording.notes, *(folder.notes if folder is not None else ()), *self.place_notes]
+        notes += [*self.recording.notes, *(folder.notes if folder is not None else ()), *self.place_notes, *self.flight_notes]
         if self.eyes is not None:
             notes += [f"{n} frames that were asked for are no use: {why}." for why, n in self.eyes.unusable.items()]
         if folder is not None and folder.truth and self.truth_share < 0.95:
