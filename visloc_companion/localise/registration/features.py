@@ -81,10 +81,13 @@ def _open3d() -> ModuleType:
     try:
         import open3d
     except ImportError as missing:
+        remedy = "pip install 'visloc-companion[open3d]'"
+        if not isinstance(missing, ModuleNotFoundError):  # it is there, and a system library that pip does not bring is not
+            remedy = "install that library (of Debian and Ubuntu: apt install libusb-1.0-0)"
         raise ConfigError(
             f"method 'features' needs Open3D, which cannot be imported ({missing})",
             where="registration.method",
-            remedy="pip install 'visloc-companion[open3d]', or use height-search or gicp",
+            remedy=f"{remedy}, or use height-search or gicp",
         ) from missing
     assert isinstance(open3d, ModuleType)
     return open3d

@@ -33,6 +33,16 @@ def test_names_the_extra_where_open3d_is_missing(monkeypatch):
         make_registration("features")
 
 
+def test_names_the_system_library_where_open3d_is_there_and_cannot_be_loaded(monkeypatch, tmp_path):
+    """Installing Open3D again would not bring it."""
+    (tmp_path / "open3d.py").write_text("raise ImportError('libusb-1.0.so.0: cannot open shared object file')")
+    monkeypatch.delitem(sys.modules, "open3d", raising=False)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(ConfigError, match=r"libusb-1\.0\.so\.0: cannot.*remedy: install that library .*libusb-1\.0-0") as caught:
+        make_registration("features")
+    assert "pip" not in str(caught.value)
+
+
 def test_gicp_refines_from_a_prior_that_is_near(scene):
     near = scene.source_m @ scene.T_true[:3, :3].T + scene.T_true[:3, 3] + [1.5, -1.0, 0.5]
     found = make_registration("gicp", 1.0)(near, scene.reference_m, scene.prior)
