@@ -96,7 +96,9 @@ def judge(rules: tuple[Rule, ...], facts: Facts) -> list[Judged]:
 
 def _answer(rule: Rule, facts: Facts) -> Judged:
     if rule.only is not None and rule.only is not facts.autopilot:
-        other = "no autopilot was read" if facts.autopilot is AutopilotKind.UNKNOWN else f"the autopilot is {facts.autopilot}"
+        other = f"the autopilot is {facts.autopilot}"
+        if facts.autopilot is AutopilotKind.UNKNOWN:
+            other = "no autopilot was read" if facts.link is None else "the autopilot is neither ArduPilot nor PX4"
         return Judged(rule, Level.SKIPPED, other, f"concerns {rule.only} only")
     if rule.poses and not facts.sends_poses:
         return Judged(rule, Level.SKIPPED, str(facts.choice), "concerns positions of a vision system only")

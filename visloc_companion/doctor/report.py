@@ -67,8 +67,10 @@ def summary(report: Report) -> str:
     """One line: how many of each level."""
     counts = Counter(answer.level for answer in report.judged if not _of_another(answer, report))
     of = " ".join(part for part in (str(report.facts.autopilot), report.facts.version) if part)
+    if report.facts.autopilot is AutopilotKind.UNKNOWN:
+        of = "no autopilot" if report.facts.link is None else "neither ArduPilot nor PX4"
     numbers = ", ".join(f"{counts[level]} {level}" for level in (Level.RED, Level.AMBER, Level.GREEN, Level.SKIPPED))
-    return f"{of if report.facts.autopilot is not AutopilotKind.UNKNOWN else 'no autopilot'}: {numbers}"
+    return f"{of}: {numbers}"
 
 
 def is_red(report: Report) -> bool:

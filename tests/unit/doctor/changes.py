@@ -41,6 +41,11 @@ def link(**values: Any) -> Change:
     return lambda facts: replace(facts, link=replace(facts.link, **values))
 
 
+def of_another_kind(facts: Facts) -> Facts:
+    """The autopilot's HEARTBEAT names neither of both."""
+    return replace(facts, autopilot=AutopilotKind.UNKNOWN)
+
+
 def camera(**values: Any) -> Change:
     return lambda facts: replace(facts, camera=replace(facts.camera, **values))
 

@@ -240,6 +240,37 @@ async def test_a_second_vehicle_on_the_same_port_is_told(served: Callable[..., A
     assert "link.system_id" in second.remedy
 
 
+@pytest.mark.parametrize(
+    ("sender", "autopilot", "kind", "told", "counted"),
+    [
+        ((255, 190), mav.MAV_AUTOPILOT_INVALID, mav.MAV_TYPE_GCS, r"no autopilot.*255/190.*remedy: connect the", "no autopilot"),
+        ((1, 1), mav.MAV_AUTOPILOT_GENERIC, mav.MAV_TYPE_QUADROTOR, None, "neither ArduPilot nor PX4"),
+    ],
+)
+async def test_what_is_no_autopilot_that_is_known_is_told(
+    sender: tuple[int, int], autopilot: int, kind: int, told: str | None, counted: str
+) -> None:
+    """A ground station alone; and firmware of another kind, of which no rule of either autopilot is judged."""
+    port, packer = free_port(socket.SOCK_DGRAM), mav.MAVLink(None, srcSystem=sender[0], srcComponent=sender[1])
+    other = mav.MAVLink_heartbeat_message(kind, autopilot, 0, 0, mav.MAV_STATE_ACTIVE, 3)
+
+    async def beat() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+            while True:
+                line.sendto(other.pack(packer), ("127.0.0.1", port))
+                await asyncio.sleep(0.2)
+
+    beating = asyncio.create_task(beat())
+    try:
+        report = await examine(Wishes(f"udpin:127.0.0.1:{port}", CONFIG, seconds=1.2, wait_s=3.0))
+    finally:
+        beating.cancel()
+    assert report.problem is None if told is None else re.search(told, str(report.problem))
+    assert summary(report).startswith(f"{counted}: ")
+    (answer,) = [answer for answer in report.judged if answer.rule.id == "link-autopilot"]
+    assert answer.level is (Level.RED if told is None else Level.SKIPPED)
+
+
 async def test_nothing_is_set_while_armed_nor_unasked(served: Callable[..., Any]) -> None:
     pilot = pilot_of(AutopilotKind.ARDUPILOT, VISO_QUAL_MIN=50.0)
     report = await examined(served, pilot)

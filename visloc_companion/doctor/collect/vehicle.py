@@ -45,6 +45,9 @@ async def hear(conversation: Conversation, wait_s: float) -> None:
         systems = ", ".join(map(str, sorted(conversation.autopilots))) or "none"
         why = f"no autopilot of system {conversation.system_id or 'any'} (autopilots: {systems}; others: {heard or 'none'})"
         remedy = "correct link.system_id, or connect the autopilot"
+        if not conversation.system_id:
+            why = f"no autopilot is heard, only what is none (system/component {heard})"
+            remedy = "connect the autopilot, or a port that it speaks on: of a router, one that passes its HEARTBEAT on"
     else:
         why = f"nothing is heard for {wait_s:g} s"
         remedy = (

@@ -169,6 +169,19 @@ def _drift(link: LinkFacts, facts: Facts) -> Finding:
 
 
 @link_rule(
+    "link-autopilot",
+    "HEARTBEAT",
+    "Which positions an autopilot uses, and by what parameters, is known of ArduPilot and PX4 only: nothing here tells whether "
+    "another one does.",
+    "an autopilot that runs ArduPilot or PX4, and the port that it speaks on itself",
+)
+def _autopilot(link: LinkFacts, facts: Facts) -> Finding:
+    if facts.autopilot is AutopilotKind.UNKNOWN:
+        return red(f"system {link.system_id} is neither ArduPilot nor PX4")
+    return green(str(facts.autopilot))
+
+
+@link_rule(
     "link-system",
     "the autopilot's system id",
     "The daemon listens to the configured system only.",
@@ -241,6 +254,7 @@ RULES: tuple[Rule, ...] = (
     _stream("link-local-rate", "LOCAL_POSITION_NED", "The autopilot's velocity carries the filter while GNSS is trusted."),
     _stream("link-gnss-rate", "GPS_RAW_INT", "GNSS is judged by it."),
     _stream("link-status-rate", "EKF_STATUS_REPORT", "Whether the autopilot rejects positions is seen nowhere else."),
+    _autopilot,
     _system,
     _second,
     _taken,
