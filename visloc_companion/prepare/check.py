@@ -128,6 +128,8 @@ def _planned_warnings(pack: PackMap, planned: Route, margin_m: float) -> list[st
         for place in planned.rally
         if not on_map(pack, place, margin_m)
     ]
+    if len(set(planned.places)) == 1:
+        found.append("the route holds one place alone, as a mission that was saved empty does: no way was looked at")
     if planned.lacks_home:
         found.append("the route names no home: its return is followed to its first place, and the way from home is not looked at")
     return found

@@ -307,6 +307,18 @@ def test_where_the_vehicle_may_go_besides_is_looked_at(lake: PackMap, tmp_path: 
     assert not any("rally" in warning or "home" in warning for warning in warnings)
 
 
+@pytest.mark.parametrize("commands", [(), (22, 20)])
+def test_a_mission_that_leads_nowhere_is_told_of(lake: PackMap, tmp_path: Path, commands: tuple[int, ...]) -> None:
+    """Saved empty, or taking off and returning: all of its places, the home alone, lie on the map."""
+    home = place(lake, -300, 0)
+    items = [{"type": "SimpleItem", "command": command, "params": [0, 0, 0, 0, 0, 0, 50]} for command in commands]
+    plan = {"mission": {"plannedHomePosition": [home.lat_deg, home.lon_deg, 10], "items": items}}
+    (tmp_path / "r.plan").write_text(json.dumps(plan))
+    assert any("the route holds one place alone" in warning for warning in check_pack(lake, tmp_path / "r.plan")["warnings"])
+    there = write_route(tmp_path / "there.csv", [home, place(lake, -250, 0)])
+    assert not any("alone" in warning for warning in check_pack(lake, there)["warnings"])
+
+
 def test_points_along_a_route() -> None:
     a, b = GeoPoint(47.0, 15.0, 0.0), GeoPoint(47.01, 15.0, 0.0)
     points = along([a, b, b], 100.0)
