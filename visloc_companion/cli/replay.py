@@ -123,8 +123,14 @@ def _tell(source: Source, summary: dict[str, Any], checks: list[Check], out: Pat
     lines += [*source.notes()]
     if out is not None:
         lines.append(f"report: {out / 'report.html'}")
-    lines += [f"{'ok' if c.passed else 'FAILED'}: {c.name} {c.limit} (is {c.value})" for c in checks]
+    lines += [f"{'ok' if c.passed else 'FAILED'}: {c.name} {c.limit} ({_found(c)})" for c in checks]
     typer.echo("\n".join(lines))
+
+
+def _found(check: Check) -> str:
+    if check.value is None:
+        return "there is none: it comes of a truth beside the flight, of fixes, positions sent or an alarm"
+    return f"is {check.value}"
 
 
 def _verdicts(changes: list[tuple[float, str]]) -> str:

@@ -90,7 +90,12 @@ def test_truth_in_a_folder_makes_errors_and_gates(log: Path, tmp_path: Path) -> 
 
 
 def test_gates_on_what_is_undefined_fail(log: Path) -> None:
-    assert run(log, "--gate", "p95_m<=100")[0] == 1
+    code, text = run(log, "--gate", "p95_m<=100")
+    assert code == 1
+    assert (
+        "FAILED: p95_m <= 100 (there is none: it comes of a truth beside the flight, of fixes, positions sent or an alarm)"
+        in text
+    )
 
 
 @pytest.mark.parametrize(
