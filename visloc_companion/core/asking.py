@@ -124,13 +124,14 @@ class Asking:
         if terrain is None or not self._queue.free or not terrain.due(now_ns):
             return []
         belief, state, q_ned_frd = self._tracker.belief, self._tracker.at(now_ns), self.attitude_now(now_ns)
-        if belief is None or state is None or q_ned_frd is None:
+        origin = self._tracker.origin
+        if belief is None or state is None or origin is None or q_ned_frd is None:
             return []
-        prior = self._prior(state, q_ned_frd, LEVEL, injecting)
+        prior = self._prior(state, origin, q_ned_frd, LEVEL, injecting)
         steady = gnss_trusted and belief.drive is Drive.AUTOPILOT
         known_mps = math.sqrt(float(np.diag(belief.P[VELOCITY, VELOCITY]).max()))
         sigma_v_mps = belief.sigma_v_mps if belief.drive is Drive.INERTIAL else known_mps  # of the autopilot's own velocity
-        asked = None if prior is None else terrain.request(self._queue.claimed(), now_ns, prior, sigma_v_mps, steady)
+        asked = terrain.request(self._queue.claimed(), now_ns, prior, sigma_v_mps, steady)
         return [] if asked is None else [asked]
 
     def _about_frame(self, now_ns: int, injecting: bool) -> list[Request]:
@@ -143,17 +144,15 @@ class Asking:
         if poses is None:
             return []
         q_ned_frd, q_ned_carrier = poses
-        state = self._tracker.at(frame.t_ns)
+        state, origin = self._tracker.at(frame.t_ns), self._tracker.origin
         unplaced = self._about_receiver(state, frame, poses, now_ns)
         unplaced = self._about_search(state, frame, poses, now_ns) if unplaced is None else unplaced
         if unplaced is not None:
             return unplaced
-        if state is None or not self._tracker.takes(frame.t_ns):
+        if state is None or origin is None or not self._tracker.takes(frame.t_ns):
             return []
         state = self._of_camera(self._wide(state) if injecting else state, q_ned_frd)
-        prior = self._prior(state, q_ned_carrier, self._camera.q_carrier_cambody, injecting)
-        if prior is None:
-            return []
+        prior = self._prior(state, origin, q_ned_carrier, self._camera.q_carrier_cambody, injecting)
         prior = replace(prior, tilt=self._camera.tilt(frame.t_ns, q_ned_carrier), sun=self._camera.sun(frame.t_ns))
         asked = self._queue.taken(frame, prior, now_ns)
         asked = replace(asked, zoom=self._camera.zoom.factor, try_zoom=self._camera.zoom.next(now_ns, self._tracker.gnss))
@@ -165,9 +164,7 @@ class Asking:
         if span_s == 0.0 or height_m is None:
             return request
         t_boot_ns = self._boot_ns(request.frame)
-        if t_boot_ns is None:
-            return request
-        rate_cambody = self._camera.rate_radps(t_boot_ns, round(abs(span_s) * 1e9))
+        rate_cambody = None if t_boot_ns is None else self._camera.rate_radps(t_boot_ns, round(abs(span_s) * 1e9))
         if rate_cambody is None:
             return request
         return replace(request, readout=Readout(span_s, rate_cambody, v_ned_mps, height_m))
@@ -205,10 +202,8 @@ class Asking:
 
     def _anywhere(self, state: NavState | None, now_ns: int) -> bool:
         """Whether GNSS has not been trusted for a while and the state, if any, leaves open more than a search of one region."""
-        if self._untrusted_ns is None or now_ns - self._untrusted_ns < SEARCH_AFTER_NS:
-            return False
-        velocity, origin = self._tracker.velocity, self._tracker.origin
-        if velocity is None or origin is None:
+        velocity, origin, since_ns = self._tracker.velocity, self._tracker.origin, self._untrusted_ns
+        if velocity is None or origin is None or since_ns is None or now_ns - since_ns < SEARCH_AFTER_NS:
             return False
         radius_m = tile_radius_m(velocity.h_amsl_m - origin.h_amsl_m, self._settings.max_search_radius_m)
         return state is None or 3 * largest_sigma_m(state.cov_ne_m2) > radius_m
@@ -261,8 +256,9 @@ class Asking:
 
     def _over_ground_at(self, state: NavState, asked: list[LocaliseRequest], poses: tuple[Quat, Quat]) -> list[Request]:
         """Questions about another place, with the camera's motion measured over the ground where the filter has the vehicle."""
-        believed = self._of_camera(state, poses[0])
-        ground = self._prior(believed, poses[1], self._camera.q_carrier_cambody, injecting=False)
+        believed, origin = self._of_camera(state, poses[0]), self._tracker.origin
+        carrier, body = poses[1], self._camera.q_carrier_cambody
+        ground = None if origin is None else self._prior(believed, origin, carrier, body, injecting=False)
         return [replace(each, motion_prior=ground) for each in asked]
 
     def _at_receiver(self, t_ns: int, now_ns: int) -> Vec2 | None:
@@ -307,11 +303,8 @@ class Asking:
         request = replace(self._queue.taken(frame, prior, now_ns, aside=True), zoom=self._camera.zoom.factor)
         return [self._with_beam(self._read_out(request, velocity.v_ned_mps), q_ned_frd, velocity.v_ned_mps)]
 
-    def _prior(self, state: NavState, q_ned_carrier: Quat, q_carrier_body: Quat, injecting: bool) -> PosePrior | None:
+    def _prior(self, state: NavState, origin: GeoPoint, q_ned_carrier: Quat, q_carrier_body: Quat, injecting: bool) -> PosePrior:
         """The prior of a state for the camera's body on what carries it, or for another one that is mounted so on another."""
-        origin = self._tracker.origin
-        if origin is None:
-            return None
         if not injecting:
             since_s = math.inf if self._may_have_been_dragged else state.age_of_fix_s
             cov = requests.held_by_gnss(state.cov_ne_m2, since_s, self._settings.navigator.seed_sigma_m)

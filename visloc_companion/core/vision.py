@@ -214,11 +214,13 @@ class Vision:
         return told
 
     def _localised(self, event: Fix | NoFix, before: Belief | None, now_ns: int) -> list[Command]:
-        if self._search is not None and self._search.is_asked(event.request_id):
-            found = None if self._tracker.origin is None else self._search.answered(event, self._tracker.origin, now_ns)
+        search, origin = self._search, self._tracker.origin
+        if search is not None and origin is not None and search.is_asked(event.request_id):
+            found = search.answered(event, origin, now_ns)
             if isinstance(event, Fix):
                 self._asking.seen_on_map(now_ns)
-            return [*([] if found is None else self._on_found(found, now_ns)), *self.free_worker(event, now_ns)]
+            told = [] if found is None else self._on_found(found, search, origin, now_ns)
+            return [*told, *self.free_worker(event, now_ns)]
         if isinstance(event, Fix):
             return self._on_fix(event, before, now_ns)
         if event.method != TERRAIN:
@@ -257,14 +259,12 @@ class Vision:
         told = Notice(Severity.INFO, "one of the open places is left", data=data)
         return [told, *self._taken(fix, now_ns, held, anew=self._began_anew(before))]
 
-    def _on_found(self, found: Found, now_ns: int) -> list[Command]:
+    def _on_found(self, found: Found, search: PlaceSearch, origin: GeoPoint, now_ns: int) -> list[Command]:
         """The search of the whole map has found the vehicle: the filter starts (again) there."""
-        if self._tracker.origin is None or self._search is None:
-            return []
-        self._search.clear()
+        search.clear()
         self._nothing_open()
         self._to_confirm = None
-        place = wgs84.geo_from_ned((*found.place_ne_m, 0.0), self._tracker.origin)
+        place = wgs84.geo_from_ned((*found.place_ne_m, 0.0), origin)
         if not self._tracker.seed(found.t_ns, place, found.sigma_m):
             return []
         self._aiding.placed()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.core.operator_word import MARGIN_M, objection
+from visloc_companion.core.settings import CoreSettings, NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint, Injection, LocaliseRequest, Mode, NavState, NoFix, Odometry, OperatorFix
@@ -55,8 +56,10 @@ def true_place(w: World, north_m: float = 0.0) -> GeoPoint:
     return wgs84.geo_from_ned((float(w.p[0]) + north_m, float(w.p[1]), 0.0), ORIGIN)
 
 
-def test_nothing_is_sent_before_a_localiser_has_found_the_vehicle_there(world: type[World]) -> None:
-    w = world(jammed=lambda t: True, blind=lambda t: t < 20)
+@pytest.mark.parametrize("anywhere", [True, False])
+def test_nothing_is_sent_before_a_localiser_has_found_the_vehicle_there(world: type[World], *, anywhere: bool) -> None:
+    settings = CoreSettings(navigator=NavigatorSettings(start_anywhere=anywhere))
+    w = world(settings=settings, jammed=lambda t: True, blind=lambda t: t < 20)
     w.start()
     w.fly(5)
     w.send(OperatorFix(0, true_place(w, 8.0), 10.0))

@@ -14,13 +14,17 @@ from visloc_companion.core.settings import CoreSettings, InjectionSettings, Navi
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
+    Attitude,
+    Event,
     GeoPoint,
+    Gnss,
     Injection,
     LocaliseRequest,
     Mode,
     NoFix,
     OperatorFix,
     OriginChanged,
+    PriorPose,
     Tick,
     Vote,
     WorkerState,
@@ -152,3 +156,25 @@ def test_a_worker_that_dies_once_over_a_tile_makes_tiles_smaller_once(world: typ
     w.fly(w.t + 1.0)
     (again,) = [c for c in w.send(WorkerState(0, up=True, restarts=1)) if isinstance(c, LocaliseRequest)]
     assert again.prior.cov_ne_m2[0][0] == pytest.approx(first.prior.cov_ne_m2[0][0] / 4)
+
+
+def test_a_place_that_is_found_before_a_restarted_autopilot_tells_a_velocity_starts_no_filter(world: type[World]) -> None:
+    """Its first attitude comes with the answer, its first velocity after it. GNSS is given its time again, then it is found."""
+    first = blinkered(world)
+    while not first.notices("position found on the map"):
+        first.step()
+    found_s = first.t
+
+    class Restarts(world):  # type: ignore[misc]
+        def send(self, event: Event) -> Any:
+            if self.t >= found_s and isinstance(event, Attitude | PriorPose | Gnss):
+                event = replace(event, t_boot_ns=event.t_boot_ns - 900_000_000_000)
+            return super().send(event)
+
+    w = blinkered(Restarts).fly(found_s + 1.0)
+    assert w.notices("autopilot clock stepped") == [found_s]
+    assert not w.notices("position found on the map")
+    assert w.status_at(w.t)[0].place is None
+    w.fly(found_s + 20.0)
+    assert len(w.notices("position found on the map")) == 1
+    assert w.status_at(w.t)[1] < 8.0

@@ -58,6 +58,7 @@ def test_a_stretch_is_asked_about_when_it_is_long_enough() -> None:
     aiding, enough_s = TerrainAiding(), SHORTEST_M / SPEED_MPS
     flown(aiding, 0.0, enough_s - 1.0)
     assert not aiding.due(ns(enough_s - 1.1))
+    assert aiding.request(1, ns(enough_s - 1.1), PRIOR, 0.8, steady=False) is None
     flown(aiding, enough_s - 1.0, enough_s + 1.0)
     request = asked(aiding, enough_s + 0.9)
     assert len(request.soundings) == pytest.approx(SHORTEST_M / SPACING_M, abs=5)
@@ -141,6 +142,17 @@ def test_a_longest_stretch_is_matched_whatever_it_promises() -> None:
     aiding = TerrainAiding()
     flown(aiding, 0.0, 395.0)
     assert asked(aiding, 394.9).final
+
+
+def test_of_a_track_that_is_longer_than_that_the_last_of_it_is_asked_about() -> None:
+    for speed_mps, longest_s in ((SPEED_MPS, 400.0), (40.0, 200.0)):
+        aiding = TerrainAiding()
+        for k in range(5000):
+            t = ns(k * STEP_S)
+            aiding.drive(Velocity(t, (speed_mps, 0.0, 0.0), 500.0, 0.3, Drive.AUTOPILOT))
+            aiding.on_range(Range(t, t, AGL_M, valid=True), t, LEVEL)
+        age_s = asked(aiding, 499.9).soundings[0][0]
+        assert longest_s - 1.0 < age_s <= longest_s
 
 
 def test_another_velocity_or_a_gap_begins_anew() -> None:
