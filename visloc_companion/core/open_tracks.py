@@ -191,10 +191,8 @@ class OpenTracks:
 
 def _met(h: Hypothesis, at_ne_m: FloatArray, cov_m2: FloatArray, t_ns: int) -> Hypothesis:
     """After an answer that lists the place to which it leads."""
-    updated = kalman.update(h.x, h.P, at_ne_m, cov_m2, H_POSITION, gate_sigma=GATE_SIGMA)
-    if isinstance(updated, Rejected):
-        return h
-    return replace(h, x=updated.x, P=updated.P, hits=h.hits + 1, tested_ns=t_ns)
+    got = kalman.update(h.x, h.P, at_ne_m, cov_m2, H_POSITION, gate_sigma=GATE_SIGMA)
+    return h if isinstance(got, Rejected) else replace(h, x=got.x, P=got.P, hits=h.hits + 1, tested_ns=t_ns)
 
 
 class _Seen:

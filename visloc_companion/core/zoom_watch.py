@@ -101,8 +101,6 @@ class ZoomWatch:
         """Whether odometry of a frame that was not recognised is not to be relied on: suddenly the vehicle seems to be faster or
         slower by as much as a zoom makes it. Until it is found, or is not, accelerations tell the velocity well enough."""
         seconds = (motion.t_to_ns - motion.t_from_ns) * 1e-9
-        if seconds <= 0:
-            return False
         change_mps = math.hypot(*motion.displacement_ned_m[:2]) / seconds - self._speed_mps
         sudden = motion.t_to_ns - self._fix_ns < DOUBTED_NS and self._sudden
         return sudden and abs(change_mps) > max(DOUBTED_MPS, DOUBTED_SHARE * self._speed_mps)

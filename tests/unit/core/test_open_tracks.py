@@ -27,9 +27,10 @@ class Flight:
             self.t_s += 0.1
         self.t_s -= 0.1
 
-    def see(self, offsets, shares=None, reason=Reason.AMBIGUOUS, believed_east_m=20.0):
-        t_ns, number = round(self.t_s * S), round(self.t_s * 10)
-        north = self.v_mps * self.t_s
+    def see(self, offsets, shares=None, reason=Reason.AMBIGUOUS, believed_east_m=20.0, sigma_v_mps=0.3, ago_s=0.0):
+        t_s = self.t_s - ago_s
+        t_ns, number = round(t_s * S), round(t_s * 10)
+        north = self.v_mps * t_s
         believed = wgs84.geo_from_ned((north, believed_east_m, -60.0), ORIGIN)
         prior = PosePrior(believed, (1.0, 0.0, 0.0, 0.0), ((SIGMA_M**2, 0.0), (0.0, SIGMA_M**2)), 3.0, 0.05, 0.02)
         self.tracks.asked(LocaliseRequest(number, FrameRef(t_ns, t_ns, 1, 0, 320, 240, 3), prior, 1))
@@ -39,7 +40,7 @@ class Flight:
             for (n, e), share in zip(offsets, shares, strict=True)
         )
         answer = NoFix(t_ns, t_ns, number, 1, "deep", reason, 1.0, open_places=places, footprint_m=FOOTPRINT_M)
-        return self.tracks.answered(answer, ORIGIN, 0.3)
+        return self.tracks.answered(answer, ORIGIN, sigma_v_mps)
 
     def off_m(self, fix):
         north, east, _ = wgs84.ned_from_geo(fix.place, ORIGIN)
@@ -148,6 +149,32 @@ def test_old_hypotheses_and_another_origin_begin_anew():
     flight.on(35)
     flight.see([TRUTH])
     assert flight.tracks.weights == ()
+
+
+def test_an_answer_of_an_older_frame_than_the_last_that_counted_says_nothing():
+    flight = Flight()
+    flight.on(12)
+    flight.see([TRUTH, LEFT])
+    before = flight.tracks.weights
+    for ago_s in (0.0, 7.0):
+        flight.see([TRUTH], ago_s=ago_s)
+        assert flight.tracks.weights == before
+    flight.on(6)
+    flight.see([TRUTH])
+    assert flight.tracks.weights != before
+
+
+def test_places_that_a_velocity_carried_further_than_they_lie_apart_are_given_up():
+    """After 20 s by a velocity that is known to 3 m/s any of them may be any place; the next answer begins anew."""
+    flight = Flight()
+    flight.on(6)
+    flight.see([TRUTH, LEFT], sigma_v_mps=3.0)
+    flight.on(20)
+    assert flight.see([TRUTH], sigma_v_mps=3.0) is None
+    assert flight.tracks.weights == ()
+    flight.on(6)
+    flight.see([TRUTH, RIGHT, AHEAD])
+    assert len(flight.tracks.weights) == 3
 
 
 def test_no_more_than_eight_are_kept():

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -165,3 +166,68 @@ def test_a_filter_that_knows_the_velocitys_error_takes_it_off_the_way() -> None:
     state = tracker.at(8 * S)
     assert state is not None
     assert state.p_ned_m[0] == pytest.approx(116.0, abs=1.0)
+
+
+def test_before_a_velocity_only_a_height_that_is_told_makes_a_vehicle_low() -> None:
+    tracker = Tracker(NavigatorSettings(min_height_m=15.0))
+    assert not tracker.low
+    tracker.height_above_home_m = 5.0
+    assert tracker.low
+    tracker.height_above_home_m = 100.0
+    assert not tracker.low
+
+
+def sigmas_m(tracker: Tracker, t_s: float) -> tuple[float, float]:
+    state = tracker.at(round(t_s * S))
+    assert state is not None
+    return math.sqrt(state.cov_ne_m2[0][0]), math.sqrt(state.cov_ne_m2[1][1])
+
+
+def leaning(t_s: float) -> Fix:
+    """That a lens which is twice as long moves by 100 m to the north."""
+    return replace(fix(t_s, 0.0), per_focal_ne_m=(100.0, 0.0))
+
+
+def test_a_lens_and_a_map_in_doubt_before_the_filter_starts_are_in_doubt_in_it() -> None:
+    plain, doubtful = ready(), Tracker(NavigatorSettings())
+    doubtful.doubt_lens(leaning(0.0), 0.1)
+    doubtful.know_map(6.0)
+    doubtful.set_origin(ORIGIN)
+    doubtful.drive(velocity(0.0), 0, alone=False)
+    assert doubtful.seed(0, at(0.0), 2.0)
+    assert doubtful.shared_m == 6.0
+    for tracker in (plain, doubtful):
+        assert isinstance(tracker.observe(leaning(0.0)), Accepted)
+    assert sigmas_m(plain, 0.0)[0] < 2.0
+    assert sigmas_m(doubtful, 0.0)[0] > sigmas_m(doubtful, 0.0)[1] > 4.0, "along the lean more than aside"
+
+
+def test_a_lens_that_is_doubted_no_more_before_the_filter_starts_is_not_in_it() -> None:
+    tracker = Tracker(NavigatorSettings())
+    tracker.doubt_lens(leaning(0.0), 0.1)
+    tracker.know_lens(0.0)
+    assert tracker.longer_share == 0.0
+    tracker.doubt_lens(leaning(0.0), 0.1, lasts=True)
+    tracker.know_lens(0.0)
+    assert tracker.longer_share == 0.1, "it lasts"
+    tracker.know_lens(0.0, lasts=False)
+    assert tracker.longer_share == 0.0
+    assert not tracker.lens_doubt_lasts
+
+
+def test_what_happens_before_the_filter_starts_widens_nothing() -> None:
+    """Clocks that step, a GNSS that dragged, a camera whose motion or time was wrong."""
+    tracker, plain = Tracker(NavigatorSettings()), ready()
+    tracker.set_origin(ORIGIN)
+    tracker.drive(velocity(0.0), 0, alone=False)
+    for happen in (
+        tracker.doubt_motion,
+        lambda: tracker.retimed(0.5),
+        lambda: tracker.stood(0, 5 * S),
+        lambda: tracker.leapt(0, 5 * S, 0),
+        lambda: tracker.dragged(0, 50.0),
+    ):
+        happen()
+        assert tracker.at(0) is None
+    assert tracker.seed(0, at(0.0), 2.0)
+    assert sigmas_m(tracker, 0.0) == sigmas_m(plain, 0.0)
