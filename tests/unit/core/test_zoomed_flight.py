@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from visloc_companion.core.zoom_ramp import FOLLOWED_SHARE
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.sim.real.oracle import answered_height
@@ -290,3 +291,49 @@ def test_heights_are_held_again_where_nearer_ground_has_stayed(zooming: Any) -> 
     sigmas_m = [(t, r.prior.sigma_h_m) for t, r, _ in w.requests]
     assert max(sigma_m for t, sigma_m in sigmas_m if ZOOM_S < t < ZOOM_S + 10) > 2.4
     assert max(sigma_m for t, sigma_m in sigmas_m if t > 70.0) < 1.5
+
+
+def test_a_zoom_that_is_lost_sight_of_for_ten_seconds_is_told_and_followed_no_more(zooming: Any) -> None:
+    """It ended behind the cloud: what lens frames are looked at through, and where the vehicle is, is known as before."""
+    w = zooming(zoom=slow(0.025, 1.22), blind=lambda t: t > ZOOM_S + 8.8)
+    w.start()
+    w.fly(ZOOM_S + 18.0)
+    ramp, tracker = w.navigator._onboard.ramp, w.navigator._tracker
+    assert (ramp.following, ramp.doubting, tracker.longer_share) == (True, True, FOLLOWED_SHARE)
+    w.fly(ZOOM_S + 20.5)
+    assert (ramp.following, ramp.doubting, tracker.longer_share) == (False, False, 0.0)
+    assert w.requests[-1][1].zoom == pytest.approx(1.22, rel=0.03)
+    assert w.notices("not trusted") == []
+
+
+def test_heights_that_drift_and_come_back_leave_no_lens_in_doubt(zooming: Any) -> None:
+    """A wood that no map shows, of a camera that cannot tell it from a lens."""
+    w = zooming(nearer=lambda t: slow(0.02, 1.06)(t) if t < 36 else 1.0)
+    w.start()
+    w.fly(38.0)
+    ramp, tracker = w.navigator._onboard.ramp, w.navigator._tracker
+    assert ramp.doubting
+    assert tracker.longer_share > 0.03
+    w.fly(42.0)
+    assert not ramp.doubting
+    assert tracker.longer_share == 0.0
+    assert w.notices("zoom") == []
+
+
+def test_while_a_zoom_is_followed_a_fix_of_another_question_than_the_last_tells_nothing_of_it(zooming: Any) -> None:
+    """Through which lens it was looked at is not known any more."""
+    w = zooming(zoom=slow(0.025, 1.8))
+    w.start()
+    w.fly(ZOOM_S + 9.0)
+    ramp = w.navigator._onboard.ramp
+    before, (_, (_, older, _), (_, last, _)) = list(ramp._ratios), (0, *w.requests[-2:])
+    known_m = w.navigator._tracker.height_above_home_m
+    told = w.statuses[-1][1]
+    place = replace(told.place, h_amsl_m=ORIGIN_AMSL_M + known_m)
+    fix = Fix(0, older.frame.t_ns, older.request_id, 1, "test", place, older.prior.q_ned_frd, COV, 0.5, 0.05, 0.001, 5.0)
+    assert ramp.following
+    assert ramp.on_fix(fix, known_m, None, taken=True) == []
+    assert list(ramp._ratios) == before
+    last_fix = replace(fix, request_id=last.request_id, t_ns=last.frame.t_ns)
+    ramp.on_fix(last_fix, known_m, None, taken=True)
+    assert list(ramp._ratios) != before
