@@ -344,10 +344,9 @@ class PositionFilter:
             if self._log[0].t_ns > horizon_ns:
                 return
         n_old = bisect_right(self._log, horizon_ns, key=_time)
-        if n_old:
-            self._base, self._base_velocity = self._after(n_old), self._around(n_old)[0]
-            del self._log[:n_old], self._beliefs[:n_old]
-            self._asked = None
+        self._base, self._base_velocity = self._after(n_old), self._around(n_old)[0]
+        del self._log[:n_old], self._beliefs[:n_old]
+        self._asked = None
 
 
 class _Asked(NamedTuple):

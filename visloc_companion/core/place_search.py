@@ -185,10 +185,6 @@ class PlaceSearch:
         """Whether an answer to this number is waited for here."""
         return self._asked is not None and self._asked.request_id == request_id
 
-    def abandoned(self) -> None:
-        """No answer will come."""
-        self._asked = None
-
     def answered(self, answer: Fix | NoFix, origin: GeoPoint, now_ns: int) -> Found | None:
         """Take the answer to the open question; the vehicle's place now, where that is found."""
         asked, self._asked = self._asked, None

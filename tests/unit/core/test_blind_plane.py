@@ -20,8 +20,8 @@ ORIGIN, LEG_S, BLIND_S = GeoPoint(59.3, 18.1, 40.0), 20, 30
 
 
 def flown(courses: tuple[float, ...], *, taught: bool = True) -> tuple[Tracker, NavState, float]:
-    """Legs of LEG_S beside GNSS, the last of them unheard by the tube; then straight on without it, while the autopilot's velocity
-    is off by FALSE_MPS. How far the state is off at the end, metres."""
+    """Legs of LEG_S beside GNSS, the last of them unheard by the tube; then straight on without it, while the autopilot's
+    velocity is off by FALSE_MPS. How far the state is off at the end, metres."""
     tracker, rng = Tracker(NavigatorSettings()), np.random.default_rng(1)
     tracker.set_origin(ORIGIN)
     tracker.height_above_home_m = 100.0

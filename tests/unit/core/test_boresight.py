@@ -113,3 +113,15 @@ def test_low_doubtful_and_unasked_fixes_teach_nothing() -> None:
     assert learner.on_fix(fix, (0.0, 0.0), (1.0, 0.0, 0.0), 100.0) == []
     flown(learner, mounted(0, 2, 0), height_m=10.0, seconds=5)
     assert (learner.sigma_rad == before).all()
+
+
+def test_a_camera_that_looks_aside_teaches_no_mounting() -> None:
+    """Beyond 60 degrees the ground that it looks at lies too far off; straight down the same fixes teach."""
+    for lean_deg, learns in ((10.0, True), (65.0, False)):
+        learner, q = Boresight(LEVEL), mounted(0.0, lean_deg, 0.0)
+        prior = PosePrior(HERE, q, COV, 3.0, 0.05, 0.02)
+        learner.on_request(LocaliseRequest(1, FrameRef(0, 0, 1, 0, 640, 480, 1), prior, 1))
+        before = learner.sigma_rad
+        fix = Fix(0, 0, 1, 1, "test", HERE, q, COV, 1.0, 0.01, 1e-4, 1.0)
+        assert learner.on_fix(fix, (0.0, 0.0), (0.0, 0.0, 0.0), 100.0) == []
+        assert bool((learner.sigma_rad < 0.99 * before).any()) is learns

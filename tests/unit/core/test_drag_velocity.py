@@ -125,3 +125,14 @@ def test_a_second_beyond_the_gate_makes_a_hypothesis_less_likely() -> None:
     one.learn(*second(41, 0.0, 8.0, noise=np.array([9.0, -9.0])), EXACT)
     assert one.gated == 1
     assert one.log_likelihood < before - 5
+
+
+def test_a_vehicle_on_its_side_tells_no_velocity_over_the_ground() -> None:
+    """Neither of its axes' forces is one along the ground: the drag is known, the velocity is not."""
+    learner = DragLearner()
+    taught(learner, range(120), np.random.default_rng(3))
+    assert learner.known
+    felt, v = second(130, 0.0, 10.0)
+    steep = np.asarray(se3.R_from_quat(se3.quat_from_euler(0.0, -1.45, 0.0))[:, :2].T)
+    assert learner.velocity(Felt(felt.t_boot_ns, felt.force_mps2, steep), v) is None
+    assert learner.velocity(felt, v) is not None

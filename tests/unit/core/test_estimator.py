@@ -10,6 +10,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from visloc_companion.core import fusion
+from visloc_companion.core.air_velocity import AirError, AirVelocity
 from visloc_companion.core.belief import seeded
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
@@ -256,3 +257,15 @@ def test_bad_covariance_is_rejected_not_spread() -> None:
     broken = replace(fix(0.0, 0.0, 0.0), cov_ne_m2=((math.nan, 0.0), (0.0, 1.0)))
     outcome = kalman_filter.observe(broken)
     assert outcome == Rejected(Reason.NOT_FINITE, 0.0)
+
+
+def test_what_the_air_told_before_the_memory_is_dropped() -> None:
+    """As late as a fix that is refused for it."""
+    filters = made(), made()
+    for one in filters:
+        for k in range(1, 200):
+            one.drive(replace(velocity(k / 5), drive=Drive.INERTIAL, sigma_a_mps2=0.1))
+    told = AirVelocity(S, (0.0, 0.0), np.eye(2), np.eye(2), None, (0.0, 0.0))
+    assert isinstance(filters[0].observe(fix(1.0, 0.0, 0.0)), TooOld)
+    filters[0].observe_air(AirError(S, (5.0, 5.0), told))
+    np.testing.assert_array_equal(states(filters[0]), states(filters[1]))

@@ -60,12 +60,18 @@ def test_it_takes_fixes_and_time_without_a_pause() -> None:
 
 
 def along(
-    above_m: Callable[[float], float], seconds: float, speed_mps: float = 10.0, every_s: float = 0.5
+    above_m: Callable[[float], float],
+    seconds: float,
+    speed_mps: float = 10.0,
+    every_s: float = 0.5,
+    paused: Callable[[float], bool] = lambda t_s: False,
 ) -> tuple[list[float], list[tuple[float, float]]]:
     """When it was told, and by how much longer than calibrated the lens was taken to be after each fix: north at 120 m."""
     watch, told, shares, rng = FixHeightWatch(), [], [], np.random.default_rng(4)
     for k in range(round(seconds / every_s)):
         t_s = k * every_s
+        if paused(t_s):
+            continue
         above = GNSS_AMSL_M + above_m(t_s) + float(rng.normal(0.0, 1.0))
         place = geo_from_ned((speed_mps * t_s, 0.0, 0.0), GeoPoint(48.0, 11.0, above))
         fix = Fix(0, round(t_s * 1000) * MS, k, k, "image", place, LEVEL, COV, 1.0, 0.005, 1e-4, 1.0)
@@ -93,6 +99,10 @@ def test_it_is_doubted_again_for_no_less_than_is_told() -> None:
     told, shares = along(lambda t_s: 8.0 if t_s < 3 or 40 < t_s < 43 else 0.0, 60.0)
     assert told == []
     assert all(share == 0 for t_s, share in shares if t_s > 25)
+    told, shares = along(lambda t_s: 8.0 if t_s < 3 or t_s > 40 else 0.0, 45.0, paused=lambda t_s: 33 < t_s < 41)
+    assert told == []
+    assert all(share == 0 for t_s, share in shares if t_s > 25)
+    assert shares[-1][0] > 44
     told, shares = along(lambda t_s: 8.0 if t_s < 3 or t_s > 40 else 0.0, 100.0)
     assert len(told) == 1
     assert shares[-1][1] < -0.05
@@ -115,3 +125,9 @@ def test_a_lens_that_is_shorter_is_told_however_slow_the_flight_and_fast_the_fix
 
 def test_the_text_fits_the_screen() -> None:
     assert max(len(notice.text) for notice in said(lambda k: -600.0, height_m=1000.0)) <= 50
+
+
+@pytest.mark.parametrize("height_m", [0.0, -40.0])
+def test_at_home_or_below_it_no_lens_is_told(height_m: float) -> None:
+    """By no height of its own."""
+    assert said(lambda k: 30.0, height_m=height_m) == []

@@ -2,13 +2,15 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from visloc_companion.core import fusion, propagation, refused
 from visloc_companion.core.belief import Belief, Position, seeded
-from visloc_companion.core.propagation import ACCELERATION, POSITION, VELOCITY, Drive
+from visloc_companion.core.doubt import Claim, doubting
+from visloc_companion.core.propagation import ACCELERATION, HEADING, POSITION, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.types import Accepted, Rejected
@@ -261,3 +263,19 @@ def test_poor_fixes_among_good_ones_do_not_make_those_worth_less() -> None:
         carried = fusion.propagated(belief, round(k * 0.5 * S), (0.0, 0.0), SETTINGS)
         belief, _ = fusion.observed(carried, fix(k * 0.5, 0.0, 0.0, 10.0 if k % 2 else 1.0), SETTINGS)
     assert belief.fix_noise_m2s == pytest.approx(1.0, rel=0.15)
+
+
+def test_a_heading_that_was_pulled_is_in_what_accelerations_drive() -> None:
+    inertial = fusion.with_inertial_velocity(start(), 0.1)
+    pulled = fusion.with_inertial_velocity(inertial, 0.1, 0.02)
+    assert pulled.P[HEADING, HEADING] == pytest.approx(inertial.P[HEADING, HEADING] + 0.02)
+    others = np.delete(np.delete(pulled.P - inertial.P, HEADING, 0), HEADING, 1)
+    assert not others.any()
+    assert fusion.with_inertial_velocity(inertial, 0.1) is inertial
+
+
+def test_an_interval_in_which_the_present_velocity_hardly_drove_brings_no_doubt() -> None:
+    claim = Claim(np.array([0.5, 0.0]), 0.01 * np.eye(2), 0.0, 0, 10.0)
+    belief = start()
+    for share, doubts in ((0.09, False), (0.5, True)):
+        assert (doubting(belief, replace(claim, share=share)).doubt is not None) is doubts

@@ -128,3 +128,15 @@ def test_no_height_is_judged_without_a_fresh_and_possible_pressure() -> None:
     test.on_baro(Baro(2 * S, 0, 1000.0, 15.0))
     test.on_gnss(9 * S, 50.0, None)
     assert test.log_r == -math.inf
+
+
+def test_what_a_receiver_gave_for_a_height_before_is_no_measure_after_it_is_learned_anew() -> None:
+    """A constant that jumps by 60 m is false, unless what it is held against begins anew: then it is another constant."""
+    for anew in (False, True):
+        climb = Climb()
+        climb.run(100)
+        assert climb.test.log_r > -math.inf
+        if anew:
+            climb.test.learn_anew()
+            assert climb.test.log_r == -math.inf
+        assert (max(climb.run(20, false_m=60.0)) > LIMIT) is not anew

@@ -70,3 +70,11 @@ def test_a_displacement_is_doubted_across_its_way() -> None:
     assert doubted.sigma_heading_rad == pytest.approx(math.sqrt(0.02**2 + more))
     assert doubted.cov_ne_m2[0] == pytest.approx((0.2 + more * 1600, 0.01 - more * 1200))
     assert doubted.cov_ne_m2[1] == pytest.approx((0.01 - more * 1200, 0.3 + more * 900))
+
+
+def test_steep_attitudes_whose_heading_says_nothing_are_no_pull() -> None:
+    """Of a vehicle that points straight down heading and roll are one; what follows does not follow on what was before."""
+    pull, still = HeadingPull(), (0.0, 0.0, 0.0)
+    for k, (pitch, yaw) in enumerate(((0.1, 0.0), (-1.55, 2.0), (-1.55, -1.0), (0.1, 0.9), (0.1, 0.9))):
+        pull.on_attitude(k * STEP_NS, se3.quat_from_euler(0.0, pitch, yaw), still)
+        assert pull.since_fixes_rad < 1e-6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -265,3 +266,10 @@ def test_who_hovers_over_a_wrong_match_has_its_height_in_the_level_for_as_long_a
 
 def test_other_ground_that_agrees_says_that_the_first_was_right() -> None:
     assert hovered(60, 30.0)[1] < 8.0
+
+
+def test_a_fix_whose_height_is_no_number_changes_nothing() -> None:
+    heights = fed([fix(t, 6.0) for t in range(1, 20)])
+    known = heights.at(20 * S, 100.0)
+    heights.observe(fix(19.5, math.nan))
+    assert heights.at(20 * S, 100.0) == pytest.approx(known, rel=1e-3)

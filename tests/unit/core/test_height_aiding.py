@@ -259,3 +259,25 @@ def test_what_a_height_does_while_none_is_heard_is_no_step() -> None:
     for t_s, h_amsl_m in ((0, 500.0), (1, 500.0), (6, 512.0), (7, 512.0)):
         aiding.drive(t_s * S, h_amsl_m, 100.0, v_down_mps=0.0)
     assert aiding.stepped_m(7 * S) == 0.0
+
+
+def test_before_a_height_is_stated_none_is_held_or_let_loose() -> None:
+    aiding = HeightAiding(NavigatorSettings())
+    aiding.loosen(S, 5.0)
+    aiding.hold(S, 3.0, 0.5)
+    assert aiding.at(S, 100.0) is None
+    aiding.drive(S, 100.0, 50.0)
+    plain = HeightAiding(NavigatorSettings())
+    plain.drive(S, 100.0, 50.0)
+    assert aiding.known(S, 100.0) == plain.known(S, 100.0)
+    aiding.hold(S, 3.0, 0.5)
+    assert aiding.known(S, 100.0).offset_m == 3.0
+
+
+def test_a_step_of_long_ago_counts_for_good_when_another_comes() -> None:
+    aiding = HeightAiding(NavigatorSettings())
+    for k in range(450):
+        h_amsl_m = 500.0 + 8.0 * (k >= 50) - 3.0 * (k >= 200) + 8.0 * (k >= 400)
+        aiding.drive(k * S // 10, h_amsl_m, 100.0, v_down_mps=0.0)
+    assert [aiding.stepped_m(t_s * S) for t_s in (30, 39, 44)] == pytest.approx([5.0, 5.0, 13.0])
+    assert len(aiding._steps) == 1

@@ -86,3 +86,16 @@ def test_mistakes_of_the_program_raise() -> None:
         kalman.predict(np.zeros(4), -EYE, EYE, 0.1 * EYE, np.zeros(4))
     with pytest.raises(ValueError, match="prior"):
         kalman.predict(np.full(4, np.nan), EYE, EYE, EYE, np.zeros(4))
+
+
+def test_considered_states_beside_a_measurement_of_one_or_three_numbers() -> None:
+    """The gain of the states that move is that of the textbook, whatever the number of measurements."""
+    P = EYE.copy()
+    P[0, 3] = P[3, 0] = 0.4
+    for m in (1, 3):
+        H_m, R = np.eye(m, 4), np.eye(m)
+        got = kalman.update(np.zeros(4), P, np.ones(m), R, H_m, n_considered=1)
+        assert isinstance(got, kalman.Updated)
+        gain = P @ H_m.T @ np.linalg.inv(H_m @ P @ H_m.T + R)
+        np.testing.assert_allclose(got.x[:3], (gain @ np.ones(m))[:3])
+        assert (got.x[3], got.P[3, 3]) == (0.0, P[3, 3])

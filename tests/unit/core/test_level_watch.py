@@ -83,3 +83,10 @@ def test_a_vehicle_that_does_not_swing_shows_nothing() -> None:
 
 def test_pictures_that_are_recognised_are_used() -> None:
     assert said(lambda t: True, recognised=True) == []
+
+
+def test_turns_of_times_that_the_autopilots_clock_does_not_know_are_not_judged() -> None:
+    watch, turned = LevelWatch(ClockOffset(), AttitudeBuffer()), se3.quat_from_euler(0.1, 0.0, 0.0)
+    for k in range(100):
+        assert watch.on_turn(Turn(k * S, (k + 1) * S, turned, COV), LEVEL) == []
+    assert not watch.wrong

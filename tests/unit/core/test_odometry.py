@@ -193,3 +193,23 @@ def test_memory_is_bounded_and_legs_go_on() -> None:
         hover.add(leg(0, 0.1 * k, 0.1, own=0.1))
     assert len(hover._nodes) < 70
     assert between(hover, 0, 29.9).cov_ne_m2[0][0] == pytest.approx(0.1**2)
+
+
+def test_a_displacement_that_ends_where_another_did_hangs_nowhere() -> None:
+    """From a keyframe to a frame that was reached before: the way there stays what it was."""
+    track = track_of(leg(0, 1, 10.0), leg(1, 2, 10.0), leg(0, 2, 26.0))
+    assert between(track, 0, 2).displacement_ned_m == pytest.approx((20.0, 0.0, 0.0))
+
+
+def test_ways_that_met_beyond_the_memory_have_met_at_the_earlier_of_what_is_left() -> None:
+    """Two keyframes were seen from one that is forgotten; frames hang on each of them."""
+    track = OdometryTrack(memory_s=4.0)
+    for seen in (leg(0, 10, 100.0), leg(0, 11, 110.0, own=0.2), leg(10, 14, 40.0), leg(11, 15, 40.0)):
+        track.add(seen)
+    before = between(track, 14, 15)
+    assert before.cov_ne_m2[0][0] == pytest.approx(3 * 0.1**2 + 0.2**2)
+    for k in range(15, 18):
+        track.add(leg(k, k + 1, 10.0))
+    after = between(track, 14, 15)
+    assert after.displacement_ned_m == pytest.approx(before.displacement_ned_m)
+    assert after.cov_ne_m2[0][0] == pytest.approx(0.1**2 + 0.2**2)

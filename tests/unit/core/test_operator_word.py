@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visloc_companion.core.operator_word import MARGIN_M, objection
+from visloc_companion.core.operator_word import MARGIN_M, elsewhere, objection
 from visloc_companion.core.settings import CoreSettings, NavigatorSettings
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
@@ -182,3 +182,10 @@ def test_rare_doubtful_fixes_confirm_an_operators_word_with_odometry_between_the
     (confirmed_s,) = w.notices("operator's position confirmed")
     assert SEES_S < confirmed_s < SEES_S + 30.0
     assert w.status_at(79)[1] < 8.0
+
+
+def test_before_there_is_a_filter_no_fix_is_elsewhere_than_said() -> None:
+    far = Fix(0, 0, 1, 1, "t", at(9000.0), (1.0, 0.0, 0.0, 0.0), ((1.0, 0.0), (0.0, 1.0)), 1.0, 0.05, 0.001, 1.0)
+    assert elsewhere(said(0.0), far, held(10.0), ORIGIN)
+    assert not elsewhere(said(0.0), far, None, ORIGIN)
+    assert not elsewhere(said(0.0), far, held(10.0), None)

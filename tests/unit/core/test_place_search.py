@@ -187,6 +187,21 @@ def test_a_worker_that_is_too_slow_is_asked_for_smaller_tiles() -> None:
     assert radius_m == pytest.approx([960.0, 480.0, 300.0, 300.0])
 
 
+def test_a_worker_that_is_lost_over_a_place_that_was_listed_is_asked_for_no_smaller_tiles() -> None:
+    """The test of a place is a search of a small region: no tile was too large."""
+    search = PlaceSearch(2000.0)
+    search.next(1, S, HEIGHT_M, 3.0, Reach())
+    search.answered(left_open(1, 1.0, [((100.0, 0.0), 0.9)]), ORIGIN, S)
+    test = search.next(2, 2 * S, HEIGHT_M, 3.0, Reach())
+    assert not asked_tile(test)
+    search.answered(NoFix(0, 2 * S, 2, 1, "test", Reason.WORKER_TIMEOUT, 1.0), ORIGIN, 2 * S)
+    asked = []
+    for k in range(3, 7):
+        asked.append(search.next(k, k * S, HEIGHT_M, 3.0, Reach()))
+        search.answered(NoFix(0, k * S, k, 1, "test", Reason.NO_MATCH, 1.0), ORIGIN, k * S)
+    assert {round(3 * math.sqrt(where.cov_ne_m2[0][0])) for where in asked if asked_tile(where)} == {960}
+
+
 def test_tiles_are_as_large_as_before_some_time_after_a_worker_was_lost() -> None:
     """Somebody ended it (the kernel's OOM killer): the tiles stayed halved to the end of the flight, four for one."""
     asked_at, _ = tiles_asked(300, killed={1})

@@ -182,3 +182,10 @@ def test_a_flight_replays_with_its_readings_and_an_older_one_without(world: type
     assert ',"beam":null' in plain
     older = '{"type":"Range","t_rx_ns":1,"t_boot_ns":1,"distance_m":7.5,"valid":true}'
     assert from_json(older) == Range(1, 1, 7.5, True)
+
+
+def test_readings_out_of_order_are_left_out() -> None:
+    ranges = heard((1000, 50.0), (1100, 51.0), (1050, 12.0), (1100, 13.0))
+    near = ranges.near(1060 * MS, FAST)
+    assert near is not None
+    assert near.distance_m == 51.0

@@ -147,3 +147,11 @@ def test_what_nothing_drives_is_down_after_a_while_and_what_stood_does_not_fly()
     assert flew.flies(GLIDES_NS, disarmed=True, ground_seen=False)
     assert not flew.flies(S + GLIDES_NS, disarmed=True, ground_seen=False)
     assert not stood.flies(S, disarmed=True, ground_seen=False)
+
+
+def test_a_height_over_ground_that_is_known_before_the_autopilots_word_is_the_height() -> None:
+    heights = TakeoffHeight()
+    assert heights.found_m(80.0) == 80.0
+    assert heights.above_m(said(0.0, 5.0), disarmed=False) == 5.0
+    assert heights.found_m(80.0) == 80.0
+    assert heights.above_m(said(1.0, 6.0), disarmed=False) == 81.0

@@ -45,3 +45,15 @@ def test_odometry_is_better_where_it_covers_the_time() -> None:
     assert not seen.by_velocity
     assert seen.moved_ne_m == pytest.approx((24.0, 2.0))
     assert log.between(S, 9 * S).by_velocity
+
+
+def test_odometry_that_did_not_see_much_of_the_time_is_not() -> None:
+    """Two displacements with a hole of two seconds between them."""
+    log = TravelLog()
+    for k in range(7):
+        log.velocity(k * S, (10.0, 0.0))
+    for k in (0, 1, 4, 5):
+        log.odometry(Odometry(0, k * S, (k + 1) * S, (12.0, 1.0, 0.0), ((0.1, 0.0), (0.0, 0.1))))
+    assert log.between(S, 5 * S).moved_ne_m == pytest.approx((40.0, 0.0))
+    assert log.between(S, 5 * S).by_velocity
+    assert not log.between(4 * S, 6 * S).by_velocity

@@ -65,12 +65,16 @@ def test_a_wrong_word_elsewhere_hides_the_vehicle_no_more(world: type[World], ja
     assert max(off_m for _, off_m, _ in sent(w)) < 8.0
 
 
-def test_a_right_word_is_confirmed_as_soon_as_ground_is_seen(world: type[World]) -> None:
-    """The autopilot had drifted by 300 m; every other question is about where it was."""
+@pytest.mark.parametrize("says_more", [False, True])
+def test_a_right_word_is_confirmed_as_soon_as_ground_is_seen(world: type[World], *, says_more: bool) -> None:
+    """The autopilot had drifted by 300 m; every other question is about where it was, also after a word that is refused."""
     blind = {"blind": lambda t: BACK_S < t < 70.0}
     w = drifted(near_sighted(world), 300.0, jammed=lambda t: t > 20, speed_mps=0.0, **blind)
     w.fly(SAID_S)
     w.send(OperatorFix(ns(w.t), place_of(w.p + np.array([8.0, -6.0])), 20.0))
+    if says_more:
+        w.send(OperatorFix(ns(w.t), place_of(w.p + np.array([150e3, 0.0])), 20.0))
+        assert w.notices("position refused, too far from origin")
     w.fly(85.0)
     near = [off_m < 150.0 for t, _, off_m in w.requests if SAID_S < t < 70.0]
     assert near.count(True) - near.count(False) in (-1, 0, 1)
