@@ -10,6 +10,7 @@ import rasterio
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.fuzz.damage import KINDS, damaged
 from visloc_companion.errors import ConfigError, SignatureInvalid
 from visloc_companion.maps.ed25519 import PrivateKey, read_private_pem
 from visloc_companion.maps.pack import PackMap
@@ -33,28 +34,20 @@ def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "pack"
 
 
-def damaged(raw: bytes, data: st.DataObject) -> bytes:
-    kind = data.draw(st.sampled_from(["flip", "cut", "extend", "swap", "other", "lines"]))
-    at = data.draw(st.integers(0, len(raw) - 1))
-    if kind == "flip":
-        return raw[:at] + bytes([raw[at] ^ (1 << data.draw(st.integers(0, 7)))]) + raw[at + 1 :]
-    if kind == "cut":
-        return raw[:at]
-    if kind == "extend":
-        return raw + data.draw(st.binary(min_size=1, max_size=2000))
+def changed_bytes(raw: bytes, data: st.DataObject) -> bytes:
+    kind = data.draw(st.sampled_from([*KINDS, "other", "lines"]))
     if kind == "other":
         return data.draw(st.binary(max_size=300))
     if kind == "lines":
         return b"".join(data.draw(st.permutations(raw.splitlines(keepends=True))))
-    part = data.draw(st.binary(min_size=1, max_size=80))
-    return raw[:at] + part + raw[at + len(part) :]
+    return damaged(raw, data, kind, most_added=2000, most_swapped=80)
 
 
 @FUZZ
 @given(data=st.data())
 def test_no_other_bytes_are_the_signature(pack: Path, data: st.DataObject) -> None:
     raw = (pack / SIGNATURE).read_bytes()
-    changed = damaged(raw, data)
+    changed = changed_bytes(raw, data)
     (pack / SIGNATURE).write_bytes(changed)
     try:
         if changed == raw:
@@ -72,7 +65,7 @@ def test_no_other_bytes_are_the_signature(pack: Path, data: st.DataObject) -> No
 @given(data=st.data())
 def test_the_file_of_a_key_holds_one_or_an_error_says_so(tmp_path: Path, data: st.DataObject) -> None:
     file = tmp_path / "fleet.pub"
-    file.write_bytes(damaged(SIGNER.public.pem(), data))
+    file.write_bytes(changed_bytes(SIGNER.public.pem(), data))
     try:
         (key,) = public_keys([file])
     except ConfigError as why:
@@ -88,6 +81,6 @@ def test_the_file_of_a_private_key_holds_one_or_an_error_says_so(data: st.DataOb
     pem = whole.pem(passphrase)
     assert read_private_pem(pem, passphrase, "here").public == whole.public
     try:
-        read_private_pem(damaged(pem, data), passphrase, "here")
+        read_private_pem(changed_bytes(pem, data), passphrase, "here")
     except ConfigError as why:
         assert why.where == "here" and why.remedy

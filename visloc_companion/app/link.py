@@ -100,12 +100,11 @@ def map_extent(config: Config) -> tuple[Fence | None, GeoPoint | None]:
             remedy = "name the folder that `visloc map build` made, or leave injection.set_origin off"
             raise ConfigError("is empty, but injection.set_origin takes the origin from the map", where="map.pack", remedy=remedy)
         return None, None
-    from visloc_companion.maps.manifest import read_manifest
     from visloc_companion.maps.signature import public_keys, read_signed
 
     pack, trusted = Path(config.map.pack), config.map.trusted_keys
     try:
-        manifest = read_signed(pack, public_keys(trusted)) if trusted else read_manifest(pack)
+        manifest = read_signed(pack, public_keys(trusted))
     except (MapError, ConfigError):
         if config.camera.url or config.localiser.terrain or trusted:
             return None, None

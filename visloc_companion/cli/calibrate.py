@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from visloc_companion.prepare.defaults import DEFAULT_BOARD
+
 if TYPE_CHECKING:
     from visloc_companion.prepare.lens.board import Board
     from visloc_companion.prepare.lens.calibrate import Calibration
     from visloc_companion.prepare.lens.pictures import Picture
-
-BOARD = "charuco:11x8:22mm:16mm"
-"""prepare.lens.board.DEFAULT_BOARD, which is not imported for it: --help is quick without OpenCV."""
 
 
 def calibrate(
@@ -26,7 +25,7 @@ def calibrate(
         typer.Option(
             metavar="BOARD", help="charuco:SQUARES:SIDE:MARKER or chessboard:INNER_CORNERS:SIDE, e.g. chessboard:9x6:25mm."
         ),
-    ] = BOARD,
+    ] = DEFAULT_BOARD,
     model: Annotated[
         Literal["auto", "brown_conrady", "fisheye", "rational"],
         typer.Option(help="camera.distortion_model; auto takes the simplest that views held out do not contradict."),
@@ -58,19 +57,20 @@ def calibrate(
     require_folder(json_file, "--json", *pictures, out)
     require_folder(report, "--report", *pictures, out, json_file)
     found = _calibrated(pictures, sheet, model, every)
+    toml = _toml(found)
     try:
         for line in lines(found):
             typer.echo(line)
-        typer.echo("\n" + _toml(found))
+        typer.echo("\n" + toml)
     finally:  # a reader that went away must not cost the files
         if out is not None:
-            write_text(out, _toml(found), "--out")
+            write_text(out, toml, "--out")
         if json_file is not None:
             write_json(json_file, document(found))
         if report is not None:
             from visloc_companion.evaluate.lens_report import lens_report
 
-            write_text(report, lens_report(found, _toml(found)), "--report")
+            write_text(report, lens_report(found, toml), "--report")
     short = shortcomings(found)
     for each in short:
         typer.echo(short_line(each), err=True)
@@ -100,9 +100,10 @@ def _toml(found: Calibration) -> str:
     from datetime import date
 
     from visloc_companion.cli.toml import to_toml
-    from visloc_companion.prepare.lens.document import comment, document
+    from visloc_companion.prepare.lens.document import comment
+    from visloc_companion.prepare.lens.section import section
 
-    return f"{comment(found, date.today())}\n{to_toml({'camera': document(found)['camera']})}"
+    return f"{comment(found, date.today())}\n{to_toml({'camera': section(found.lens.model)})}"
 
 
 def _write_sheet(path: Path, board: Board, with_pictures: bool) -> None:

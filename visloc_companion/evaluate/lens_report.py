@@ -11,7 +11,7 @@ from visloc_companion.evaluate.report_svg import circle, figure, legend, line, r
 from visloc_companion.prepare.lens.calibrate import Calibration
 from visloc_companion.prepare.lens.document import left_out_words, share_words
 from visloc_companion.prepare.lens.limits import FOCAL_SHARE, Shortcoming, rms_limit_px, shortcomings
-from visloc_companion.prepare.lens.view import residuals_px
+from visloc_companion.prepare.lens.view import all_residuals_px
 
 _WIDTH, _PAD = 640.0, 12.0
 _ARROW = 0.05
@@ -51,11 +51,8 @@ def _begun(words: str) -> str:
 
 
 def _tiles(of: Calibration) -> str:
-    model, sigmas = of.lens.model, of.sigmas
-    numbers = [
-        (f"{getattr(model, key):.2f} ± {sigmas[key]:.2f}", f"{name}, px")
-        for key, name in (("fx_px", "fx"), ("fy_px", "fy"), ("cx_px", "cx"), ("cy_px", "cy"))
-    ]
+    model = of.lens.model
+    numbers = [(f"{value:.2f} ± {sigma:.2f}", f"{name}, px") for name, value, sigma in of.numbers]
     return tiles(
         [
             (f"{of.candidate.rms_px:.2f} px", f"off, rms of views held out; at most {rms_limit_px(model.width_px):.2f}"),
@@ -110,7 +107,7 @@ def _coverage(of: Calibration) -> str:
 def _residuals(of: Calibration) -> str:
     scale, width, height, parts = _frame(of)
     pix = np.concatenate([view.pix for view in of.views])
-    off = np.concatenate([residuals_px(of.lens.model, pose, view) for pose, view in zip(of.lens.poses, of.views, strict=True)])
+    off = np.concatenate(all_residuals_px(of.lens, of.views))
     usual = max(float(np.percentile(np.hypot(*off.T), 95)), 1e-6)
     times = _ARROW * of.lens.model.width_px / usual
     drawn = off * (times * scale * np.minimum(1.0, 2 * usual / np.maximum(np.hypot(*off.T), 1e-9)))[:, None]

@@ -115,7 +115,7 @@ def test_a_problem_is_told_once(tiny_world: Any) -> None:
 def test_positions_stay_near_the_map_and_its_middle_may_become_the_origin(monkeypatch: pytest.MonkeyPatch) -> None:
     bounds = SimpleNamespace(south_deg=-1.0, west_deg=179.9, north_deg=1.0, east_deg=-179.7)
     manifest = SimpleNamespace(bounds=bounds, heights=SimpleNamespace(plane_amsl_m=12.0, grid=None))
-    monkeypatch.setattr("visloc_companion.maps.manifest.read_manifest", lambda folder: manifest)
+    monkeypatch.setattr("visloc_companion.maps.signature.read_signed", lambda folder, trusted: manifest)
     told = {"map": {"pack": "pack"}, "injection": {"max_outside_map_m": 300.0, "output": "odometry", "position_sensor_id": 7}}
     settings = link_of(parse_config(told)).session.settings
     assert settings.fence == Fence(-1.0, 179.9, 1.0, -179.7, 300.0)

@@ -16,7 +16,8 @@ from visloc_companion.adapters.camera.calibration import lens_model
 from visloc_companion.cli import main as module
 from visloc_companion.config import load_config, parse_config
 from visloc_companion.errors import CameraError, ConfigError
-from visloc_companion.prepare.lens.board import DEFAULT_BOARD, parse_board
+from visloc_companion.prepare.defaults import DEFAULT_BOARD
+from visloc_companion.prepare.lens.board import parse_board
 from visloc_companion.types import Image
 
 EXAMPLES = sorted((Path(__file__).parents[3] / "docs" / "examples").glob("*.toml"))

@@ -7,7 +7,8 @@ import hashlib
 import json
 import re
 import socket
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,24 @@ async def examined(served: Callable[..., Any], pilot: BuiltInAutopilot, apply: b
     port = free_port(socket.SOCK_DGRAM)
     async with served(pilot, port):
         return await examine(Wishes(f"udpin:127.0.0.1:{port}", CONFIG, seconds=1.2, wait_s=30.0, apply=apply))
+
+
+@asynccontextmanager
+async def beating(heartbeat: Any, sender: tuple[int, int], port: int) -> AsyncIterator[None]:
+    """Somebody's HEARTBEAT, by system and component, five times a second on a port of this computer."""
+    packer = mav.MAVLink(None, srcSystem=sender[0], srcComponent=sender[1])
+
+    async def beat() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+            while True:
+                line.sendto(heartbeat.pack(packer), ("127.0.0.1", port))
+                await asyncio.sleep(0.2)
+
+    task = asyncio.create_task(beat())
+    try:
+        yield
+    finally:
+        task.cancel()
 
 
 def bad(report: Report) -> dict[str, str]:
@@ -219,21 +238,10 @@ async def test_a_key_that_is_not_the_autopilots_is_red(
 
 async def test_a_second_vehicle_on_the_same_port_is_told(served: Callable[..., Any]) -> None:
     """The daemon would keep to the one that it hears first, and so does the doctor."""
-    port, packer = free_port(socket.SOCK_DGRAM), mav.MAVLink(None, srcSystem=2, srcComponent=1)
+    port = free_port(socket.SOCK_DGRAM)
     other = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_QUADROTOR, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, mav.MAV_STATE_STANDBY, 3)
-
-    async def beat() -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            while True:
-                sender.sendto(other.pack(packer), ("127.0.0.1", port))
-                await asyncio.sleep(0.2)
-
-    beating = asyncio.create_task(beat())
-    try:
-        async with served(pilot_of(AutopilotKind.ARDUPILOT), port):
-            report = await examine(Wishes(f"udpin:127.0.0.1:{port}", CONFIG, seconds=1.2, wait_s=30.0))
-    finally:
-        beating.cancel()
+    async with beating(other, (2, 1), port), served(pilot_of(AutopilotKind.ARDUPILOT), port):
+        report = await examine(Wishes(f"udpin:127.0.0.1:{port}", CONFIG, seconds=1.2, wait_s=30.0))
     (second,) = [answer for answer in report.judged if answer.rule.id == "link-second-autopilot"]
     assert second.level is Level.AMBER
     assert "127.0.0.1:" in second.read
@@ -251,20 +259,10 @@ async def test_what_is_no_autopilot_that_is_known_is_told(
     sender: tuple[int, int], autopilot: int, kind: int, told: str | None, counted: str
 ) -> None:
     """A ground station alone; and firmware of another kind, of which no rule of either autopilot is judged."""
-    port, packer = free_port(socket.SOCK_DGRAM), mav.MAVLink(None, srcSystem=sender[0], srcComponent=sender[1])
+    port = free_port(socket.SOCK_DGRAM)
     other = mav.MAVLink_heartbeat_message(kind, autopilot, 0, 0, mav.MAV_STATE_ACTIVE, 3)
-
-    async def beat() -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
-            while True:
-                line.sendto(other.pack(packer), ("127.0.0.1", port))
-                await asyncio.sleep(0.2)
-
-    beating = asyncio.create_task(beat())
-    try:
+    async with beating(other, sender, port):
         report = await examine(Wishes(f"udpin:127.0.0.1:{port}", CONFIG, seconds=1.2, wait_s=3.0))
-    finally:
-        beating.cancel()
     assert report.problem is None if told is None else re.search(told, str(report.problem))
     assert summary(report).startswith(f"{counted}: ")
     (answer,) = [answer for answer in report.judged if answer.rule.id == "link-autopilot"]

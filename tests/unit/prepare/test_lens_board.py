@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from inspect import signature
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from visloc_companion.cli import calibrate as command
+from visloc_companion.cli.calibrate import calibrate
 from visloc_companion.errors import CameraError, ConfigError
-from visloc_companion.prepare.lens.board import DEFAULT_BOARD, parse_board
+from visloc_companion.prepare.defaults import DEFAULT_BOARD
+from visloc_companion.prepare.lens.board import parse_board
 from visloc_companion.prepare.lens.pictures import listed, pictures_of
 
 
@@ -59,7 +61,7 @@ def test_corners_are_counted_as_opencv_counts_them() -> None:
 
 
 def test_the_command_has_the_same_board_by_default() -> None:
-    assert command.BOARD == DEFAULT_BOARD
+    assert signature(calibrate).parameters["board"].default == DEFAULT_BOARD
 
 
 def test_files_are_taken_from_folders_by_name(tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from tests.unit.prepare.board_pictures import BROWN, LENSES, RATIONAL, corners_seen, poses
-from visloc_companion.prepare.lens.board import DEFAULT_BOARD, parse_board
+from visloc_companion.prepare.defaults import DEFAULT_BOARD
+from visloc_companion.prepare.lens.board import parse_board
 from visloc_companion.prepare.lens.bundle import cost
 from visloc_companion.prepare.lens.choose import candidates, chosen, is_worse
 from visloc_companion.prepare.lens.fit import NoFit, fit

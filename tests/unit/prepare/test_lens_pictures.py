@@ -12,7 +12,8 @@ import pytest
 from tests.unit.prepare.board_pictures import BROWN, FISHEYE, LENSES, RATIONAL, Photographer, poses
 from visloc_companion.errors import CameraError
 from visloc_companion.geo.camera import project, unproject
-from visloc_companion.prepare.lens.board import DEFAULT_BOARD, Board, parse_board
+from visloc_companion.prepare.defaults import DEFAULT_BOARD
+from visloc_companion.prepare.lens.board import Board, parse_board
 from visloc_companion.prepare.lens.calibrate import Calibration, calibrate
 from visloc_companion.prepare.lens.limits import shortcomings
 from visloc_companion.prepare.lens.pictures import Picture

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from visloc_companion.errors import ConfigError
-from visloc_companion.prepare.lens.board import DEFAULT_BOARD, parse_board
+from visloc_companion.prepare.defaults import DEFAULT_BOARD
+from visloc_companion.prepare.lens.board import parse_board
 from visloc_companion.prepare.lens.detect import detector
 from visloc_companion.prepare.lens.sheet import drawn, png, sheet_of, svg
 

@@ -12,10 +12,9 @@ import cv2
 import numpy as np
 
 from visloc_companion.errors import ConfigError, did_you_mean
+from visloc_companion.prepare.defaults import DEFAULT_BOARD
 from visloc_companion.types import FloatArray
 
-DEFAULT_BOARD = "charuco:11x8:22mm:16mm"
-"""Fits an A4 sheet with rulers; it may leave the picture, so that corners are seen to its very rim."""
 WAYS = "charuco:COLUMNSxROWS:SQUARE:MARKER[:DICTIONARY] (squares) or chessboard:COLUMNSxROWS:SQUARE (inner corners)"
 _LENGTH = re.compile(r"(\d+(?:\.\d+)?)(mm|cm|m)")
 _UNITS_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.geo.camera import unproject
-from visloc_companion.prepare.lens.view import Lens, View, residuals_px, slopes
+from visloc_companion.prepare.lens.view import Lens, View, all_residuals_px, residuals_px, slopes
 from visloc_companion.types import CameraModel, FloatArray
 
 _STEPS, _ENOUGH, _DAMPED, _MOST_DAMPED = 100, 1e-9, 1e-3, 1e9
@@ -37,7 +37,7 @@ def poses_under(model: CameraModel, views: Sequence[View]) -> FloatArray | None:
 
 def cost(lens: Lens, views: Sequence[View]) -> float:
     """Sum of squared residuals, px²."""
-    return sum(float(np.square(residuals_px(lens.model, p, view)).sum()) for p, view in zip(lens.poses, views, strict=True))
+    return sum(float(np.square(off).sum()) for off in all_residuals_px(lens, views))
 
 
 def improved(lens: Lens, views: Sequence[View]) -> Lens:

@@ -18,7 +18,7 @@ from visloc_companion.prepare.lens.look import Looked, look_at
 from visloc_companion.prepare.lens.pictures import Picture
 from visloc_companion.prepare.lens.strays import without_strays
 from visloc_companion.prepare.lens.sure import covariance
-from visloc_companion.prepare.lens.view import Lens, View, residuals_px
+from visloc_companion.prepare.lens.view import Lens, View, all_residuals_px
 from visloc_companion.types import DistortionModel, FloatArray
 
 LEAST_VIEWS = 6
@@ -48,6 +48,11 @@ class Calibration:
         """1-sigma, px, of fx, fy, cx and cy."""
         values = np.sqrt(np.diag(self.covariance)[:4])
         return dict(zip(("fx_px", "fy_px", "cx_px", "cy_px"), values.tolist(), strict=True))
+
+    @property
+    def numbers(self) -> list[tuple[str, float, float]]:
+        """Name, value and 1-sigma, px, of fx, fy, cx and cy."""
+        return [(key.removesuffix("_px"), getattr(self.lens.model, key), sigma) for key, sigma in self.sigmas.items()]
 
     @property
     def focal_share(self) -> float:
@@ -129,5 +134,4 @@ def _odd(judged: list[Candidate], views: list[View]) -> dict[str, float]:
 
 def _errors_px(lens: Lens, views: list[View]) -> FloatArray:
     """(V,) root mean square residual of each view, over both axes."""
-    squares = [np.mean(np.square(residuals_px(lens.model, pose, view))) for pose, view in zip(lens.poses, views, strict=True)]
-    return np.sqrt(squares)
+    return np.sqrt([np.mean(np.square(off)) for off in all_residuals_px(lens, views)])

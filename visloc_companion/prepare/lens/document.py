@@ -56,7 +56,7 @@ def left_out_words(of: Calibration) -> dict[str, str]:
 
 def lines(of: Calibration) -> Iterator[str]:
     """The result in words."""
-    model, sigmas = of.lens.model, of.sigmas
+    model = of.lens.model
     for name, why in left_out_words(of).items():
         yield f"not used: {name} {why}"
     if of.strays:
@@ -65,8 +65,8 @@ def lines(of: Calibration) -> Iterator[str]:
     for each in of.judged:
         mark = "chosen" if each is of.candidate else each.why_not or "not chosen"
         yield f"{each.kind:13} {each.rms_px:.3f} px on views held out ({mark})" if each.lens else f"{each.kind:13} {mark}"
-    for key, name in (("fx_px", "fx"), ("fy_px", "fy"), ("cx_px", "cx"), ("cy_px", "cy")):
-        yield f"{name} {getattr(model, key):.2f} ± {sigmas[key]:.2f} px"
+    for name, value, sigma in of.numbers:
+        yield f"{name} {value:.2f} ± {sigma:.2f} px"
     yield f"1-sigma of the focal length {share_words(of.focal_share)}: so much of every height above ground"
     if of.sheet.sure:
         yield f"the sheet is {sheet_words(of.sheet)}, and the focal length {100 * of.sheet.focal_share:.2f} % off for it"

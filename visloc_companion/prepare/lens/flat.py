@@ -15,7 +15,7 @@ import numpy as np
 
 from visloc_companion.geo.camera import project
 from visloc_companion.prepare.lens.board import Board
-from visloc_companion.prepare.lens.view import Lens, View, residuals_px, slopes
+from visloc_companion.prepare.lens.view import Lens, View, beside_poses
 from visloc_companion.types import FloatArray
 
 SURE = 18.5
@@ -40,14 +40,7 @@ _GOOD = Warp(0.0, 0.0, 0.0, False)
 
 def warp(lens: Lens, views: Sequence[View], board: Board) -> Warp:
     """How the sheet was bent and stretched, as far as the views tell."""
-    told, pulls = [], []
-    for pose, view in zip(lens.poses, views, strict=True):
-        by_pose, by_lens = slopes(lens.model, pose, view)
-        basis, _ = np.linalg.qr(by_pose)
-        both = np.column_stack([by_lens, _by_shape(lens, pose, view, board)])
-        free = both - basis @ (basis.T @ both)
-        told.append(free.T @ free)
-        pulls.append(free.T @ residuals_px(lens.model, pose, view).ravel())
+    told, pulls = beside_poses(lens, views, lambda pose, view: _by_shape(lens, pose, view, board))
     whole, pull, n = np.sum(told, axis=0), np.sum(pulls, axis=0), len(views)
     try:
         step = np.linalg.solve(whole, pull)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from visloc_companion.prepare.lens.fit import NoFit, fit
-from visloc_companion.prepare.lens.view import Lens, View, residuals_px
+from visloc_companion.prepare.lens.view import Lens, View, all_residuals_px
 from visloc_companion.types import CameraModel, DistortionModel, FloatArray
 
 ASTRAY = 6.0
@@ -59,4 +59,4 @@ def _close(
 
 
 def _errors_px(lens: Lens, views: Sequence[View]) -> list[FloatArray]:
-    return [np.hypot(*residuals_px(lens.model, pose, view).T) for pose, view in zip(lens.poses, views, strict=True)]
+    return [np.hypot(*off.T) for off in all_residuals_px(lens, views)]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from visloc_companion.prepare.lens.view import Lens, View, residuals_px, slopes
+from visloc_companion.prepare.lens.view import Lens, View, beside_poses
 from visloc_companion.types import FloatArray
 
 _LEAST_SCALE = 1e-12
@@ -19,13 +19,7 @@ _LEAST_SCALE = 1e-12
 
 def covariance(lens: Lens, views: Sequence[View]) -> FloatArray:
     """(4 + K, 4 + K) of fx, fy, cx, cy (px) and the coefficients; infinite where the views without one of them leave it open."""
-    told, pulls = [], []
-    for pose, view in zip(lens.poses, views, strict=True):
-        by_pose, by_lens = slopes(lens.model, pose, view)
-        basis, _ = np.linalg.qr(by_pose)
-        of_lens = by_lens - basis @ (basis.T @ by_lens)  # what no other pose of the board would explain
-        told.append(of_lens.T @ of_lens)
-        pulls.append(of_lens.T @ residuals_px(lens.model, pose, view).ravel())
+    told, pulls = beside_poses(lens, views)
     whole, n = np.sum(told, axis=0), len(views)
     scale = 1 / np.sqrt(np.maximum(np.diag(whole), _LEAST_SCALE))
     outer = np.outer(scale, scale)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +43,11 @@ def residuals_px(model: CameraModel, pose: FloatArray, view: View) -> FloatArray
     return np.where(np.isfinite(shown), view.pix - shown, _FOLDED_PX)
 
 
+def all_residuals_px(lens: Lens, views: Sequence[View]) -> list[FloatArray]:
+    """(N, 2) of each view that a lens was fitted to."""
+    return [residuals_px(lens.model, pose, view) for pose, view in zip(lens.poses, views, strict=True)]
+
+
 def slopes(model: CameraModel, pose: FloatArray, view: View) -> tuple[FloatArray, FloatArray]:
     """(2N, 6) and (2N, 4 + K) derivatives of where corners are shown by the pose, and by fx, fy, cx, cy and the coefficients."""
     K, bent = pinhole_matrix(model), np.array(model.distortion)
@@ -51,6 +57,22 @@ def slopes(model: CameraModel, pose: FloatArray, view: View) -> tuple[FloatArray
         return _of_64(J[:, 8:14]), _of_64(J[:, :8])
     J = cv2.projectPoints(points, pose[:3], pose[3:], K, bent)[1]
     return _of_64(J[:, :6]), _of_64(J[:, 6 : 10 + len(bent)])
+
+
+def beside_poses(
+    lens: Lens, views: Sequence[View], more: Callable[[FloatArray, View], FloatArray] | None = None
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Normal matrices (K, K) and right-hand sides (K,) of each view, of the lens's numbers and of those that `more` gives the
+    (2N, M) derivatives by, for a pose and its view: of what no other pose of the board would explain."""
+    told, pulls = [], []
+    for pose, view in zip(lens.poses, views, strict=True):
+        by_pose, by_lens = slopes(lens.model, pose, view)
+        basis, _ = np.linalg.qr(by_pose)
+        asked = by_lens if more is None else np.column_stack([by_lens, more(pose, view)])
+        free = asked - basis @ (basis.T @ asked)
+        told.append(free.T @ free)
+        pulls.append(free.T @ residuals_px(lens.model, pose, view).ravel())
+    return told, pulls
 
 
 def _of_64(values: NDArray[Any]) -> FloatArray:
