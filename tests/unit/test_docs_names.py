@@ -105,6 +105,20 @@ def test_the_architecture_names_every_event_and_command() -> None:
     ] == []
 
 
+def test_the_architecture_names_the_layers_that_are_checked() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    layers = next(contract["layers"] for contract in project["tool"]["importlinter"]["contracts"] if contract["id"] == "layers")
+    assert f"`{' > '.join(layers)}`" in (DOCS / "architecture.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", ["image", "structure", "navigation"])
+def test_the_benchmarks_name_what_their_pages_hold(name: str) -> None:
+    page = (DOCS / "benchmarks.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^## (.+)$", (DOCS / "benchmarks" / f"{name}.md").read_text(encoding="utf-8"), re.MULTILINE)
+    [row] = re.findall(rf"^\| \[.+\]\(benchmarks/{name}\.md\) \| (.+) \|$", page, re.MULTILINE)
+    assert row.endswith(", ".join(headings))
+
+
 def test_decisions_are_listed_in_order_for_a_list_counts_by_itself() -> None:
     folder = DOCS / "decisions"
     listed = re.findall(
