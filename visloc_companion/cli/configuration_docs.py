@@ -14,12 +14,15 @@ from visloc_companion.config import Config
 
 HEAD = """# Configuration
 
-`visloc run --config FILE` reads TOML. Every key has a default (but a camera's lens must be stated); an unknown key is an error
-that names the nearest valid one. `visloc run --config FILE --check` prints what is in effect. Units are in the key names;
-numbers, `true` and `false` stand without quotes. No number is beyond 1e9,
-and none that must be above 0 below 1e-9. A relative path counts from where `visloc` is started (as a service: `/var/lib/visloc`),
-that of `camera.mask` from the file that names it. This page is made from the models by
-`python -m visloc_companion.cli.configuration_docs docs/configuration.md`.
+`visloc run --config FILE` reads TOML; `visloc run --config FILE --check` prints what is in effect.
+
+* Every key has a default (but a camera's lens must be stated); an unknown key is an error that names the nearest valid one.
+* Units are in the key names; numbers, `true` and `false` stand without quotes. No number is beyond 1e9, and none that must be
+  above 0 below 1e-9.
+* A relative path counts from where `visloc` is started (as a service: `/var/lib/visloc`), that of `camera.mask` from the file
+  that names it.
+
+This page is made from the models by `python -m visloc_companion.cli.configuration_docs docs/configuration.md`.
 """
 
 
