@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import tomllib
 from pathlib import Path
@@ -95,6 +96,26 @@ def test_every_reason_for_which_there_is_no_fix_is_explained() -> None:
     unanswered = reasons[: reasons.index(Reason.GATED)]
     section = (DOCS / "troubleshooting.md").read_text(encoding="utf-8").split("## No fixes")[1].split("\n## ")[0]
     assert [reason.value for reason in unanswered if f"`{reason}`" not in section] == []
+
+
+def texts_of(source: Path) -> list[list[str]]:
+    """The literal parts of each text for the operator: long enough to be found among other words."""
+    texts = []
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        parts = node.values if isinstance(node, ast.JoinedStr) else [node]
+        words = [str(part.value) for part in parts if isinstance(part, ast.Constant) and isinstance(part.value, str)]
+        if words and words[0].startswith("visloc: "):
+            pieces = "{}".join([words[0].removeprefix("visloc: "), *words[1:]]).split("{}")
+            texts.append([piece.strip() for piece in pieces if len(piece.strip()) > 6])
+    return texts
+
+
+def test_texts_for_the_operator_are_explained() -> None:
+    pages = "\n".join(page.read_text(encoding="utf-8") for page in DOCS.glob("*.md"))
+    sources = [file for room in ("core", "app", "adapters/mavlink") for file in (ROOT / "visloc_companion" / room).rglob("*.py")]
+    texts = [parts for source in sources for parts in texts_of(source)]
+    assert len(texts) > 30
+    assert [parts for parts in texts if any(part not in pages for part in parts)] == []
 
 
 def test_the_architecture_names_every_event_and_command() -> None:
