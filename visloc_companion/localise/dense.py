@@ -16,7 +16,7 @@ from visloc_companion.localise.looks import Look, Why, convincing, looked, surer
 from visloc_companion.localise.map_ends import map_at_sides
 from visloc_companion.localise.map_light import MapLight
 from visloc_companion.localise.matching import Found, Task, find_candidates, sharpened
-from visloc_companion.localise.modes import mode_numbers
+from visloc_companion.localise.modes import search_numbers
 from visloc_companion.localise.open_places import open_places
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, planned
@@ -144,7 +144,7 @@ class DenseLocaliser:
             **_of_search(found, plan),
             "looks": 1.0 if task.fine_features is GRADIENT else 2.0,
             "lit": 0.0 if task.lit is None else 1.0,
-            **mode_numbers(found.modes, plan.pose.p_ned_m),
+            **search_numbers(found.search, plan.pose.p_ned_m),
         }
         if why := look.why_not(self._settings.max_probability_wrong):
             declined = no_fix(request, self.method, task.watch, _and_unsearched(why, found), numbers)

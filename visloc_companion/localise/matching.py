@@ -31,7 +31,7 @@ from visloc_companion.localise.hypotheses import (
 )
 from visloc_companion.localise.map_part import reaches_all
 from visloc_companion.localise.map_suns import MapSuns
-from visloc_companion.localise.modes import PlaceMode, place_modes
+from visloc_companion.localise.modes import PlaceMode, Searched, searched
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import UNTIMED, SearchPlan, view_box
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, heading_from, to_view
@@ -145,13 +145,18 @@ class Match:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What the exhaustive search found: peaks refined at the search level, best first, and the posterior's modes; by the prior,
+    """What the exhaustive search found: peaks refined at the search level, best first, and the posterior; by the prior,
     the probability of the places that it left `unsearched`; the window of the map that it searched."""
 
     candidates: list[Descended]
-    modes: list[PlaceMode]
+    search: Searched
     unsearched: float
     grid: MapGrid
+
+    @property
+    def modes(self) -> list[PlaceMode]:
+        """All modes of the posterior, by falling mass."""
+        return self.search.modes
 
 
 def find_candidates(task: Task) -> Found:
@@ -183,10 +188,10 @@ def find_candidates(task: Task) -> Found:
         if apart := [end for end, joined in ends if not joined]:
             found.append(likeliest(apart, plan.pose.R_ned_cam, task.prior.sigma_tilt_rad, task.rank[0] + task.rank[4]))
     temperature = task.temperature * grid.gsd_m / math.sqrt(plan.area_m2)
-    modes = place_modes(volume, region(volume, grid, plan), grid, temperature, arms_to_view(plan))
+    search = searched(volume, region(volume, grid, plan), grid, temperature, arms_to_view(plan))
     most_m = MAX_SIDE_PX * grid.gsd_m
     left_out = unsearched(plan, math.inf if reaches_all(task.ref, plan.frame, low, high, most_m) else most_m)
-    return Found(sorted(found, key=lambda c: -c.score), modes, left_out, grid)
+    return Found(sorted(found, key=lambda c: -c.score), search, left_out, grid)
 
 
 def best_match(task: Task, matches: list[Match]) -> tuple[Match, float]:

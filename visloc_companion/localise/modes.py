@@ -1,4 +1,4 @@
-"""The places that the exhaustive search leaves open, with the probability of each (posterior.py), in metres.
+"""What the exhaustive search leaves open: its posterior over positions (posterior.py) and the places in it, in metres.
 
 A refined candidate belongs to the modes that show the same ground. Under a tilt that is not known its nadir may be far from
 theirs: the search looks with the prior's tilt, the refinement corrects it.
@@ -14,7 +14,7 @@ import numpy as np
 
 from visloc_companion.geo.raster import apply_affine
 from visloc_companion.localise.ortho_rectify import MapGrid
-from visloc_companion.localise.posterior import Mask, posterior
+from visloc_companion.localise.posterior import Mask, Posterior, posterior
 from visloc_companion.localise.search import ScoreVolume
 from visloc_companion.types import FloatArray
 
@@ -35,12 +35,29 @@ class PlaceMode(NamedTuple):
     mass: float
 
 
-def place_modes(volume: ScoreVolume, allowed: Mask, grid: MapGrid, temperature: float, to_view_m: FloatArray) -> list[PlaceMode]:
-    """All modes of the search's score volume, by falling mass.
+class Searched(NamedTuple):
+    """The posterior of a search: `modes` by falling mass; of the nadir's position the mean (2,) in metres north and east of the
+    local origin, covariance (2, 2) and entropy (nats, over the search's pixels). Without any score: no modes, NaN moments."""
+
+    modes: list[PlaceMode]
+    mean_ne_m: FloatArray
+    cov_ne_m2: FloatArray
+    entropy: float
+
+
+def searched(volume: ScoreVolume, allowed: Mask, grid: MapGrid, temperature: float, to_view_m: FloatArray) -> Searched:
+    """The posterior of a score volume over the allowed positions (H, W).
 
     `to_view_m` (K, 2): from the nadir to the ground that is looked at, metres north and east, for each hypothesis.
     """
-    modes = posterior(volume, allowed, temperature).modes
+    found = posterior(volume, allowed, temperature)
+    J = grid.A_ne_pix[:, :2]
+    mean = apply_affine(grid.A_ne_pix, found.mean_px)
+    return Searched(_place_modes(found, grid, to_view_m), mean, J @ found.cov_px2 @ J.T, found.entropy)
+
+
+def _place_modes(found: Posterior, grid: MapGrid, to_view_m: FloatArray) -> list[PlaceMode]:
+    modes = found.modes
     at = apply_affine(grid.A_ne_pix, np.array([[m.u_px, m.v_px] for m in modes], dtype=np.float64).reshape(-1, 2))
     places = np.hstack([at, at + to_view_m[[m.hypothesis for m in modes]]]).tolist()
     return [PlaceMode(n, e, view_n, view_e, m.mass) for (n, e, view_n, view_e), m in zip(places, modes, strict=True)]
@@ -60,3 +77,20 @@ def mode_numbers(modes: Sequence[PlaceMode], prior_ne_m: FloatArray) -> dict[str
         numbers[f"mode{k}_east_m"] = mode.east_m - float(prior_ne_m[1])
         numbers[f"mode{k}_probability"] = mode.mass
     return numbers
+
+
+def search_numbers(found: Searched, prior_ne_m: FloatArray) -> dict[str, float]:
+    """The posterior as evidence: its mean north and east of the prior and their 1-sigma (m), their correlation, its entropy, and
+    the first modes. Of a position that is told to a pixel the sigmas are those of a pixel."""
+    numbers: dict[str, float] = {}
+    if found.modes:
+        north, east = np.sqrt(np.diag(found.cov_ne_m2)).tolist()
+        numbers = {
+            "search_north_m": float(found.mean_ne_m[0] - prior_ne_m[0]),
+            "search_east_m": float(found.mean_ne_m[1] - prior_ne_m[1]),
+            "search_sigma_north_m": north,
+            "search_sigma_east_m": east,
+            "search_correlation": float(found.cov_ne_m2[0, 1]) / (north * east),
+            "search_entropy_nats": found.entropy,
+        }
+    return numbers | mode_numbers(found.modes, prior_ne_m)

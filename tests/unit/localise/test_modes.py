@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visloc_companion.localise.modes import mass_near, mode_numbers, place_modes
+from visloc_companion.localise.modes import mass_near, mode_numbers, search_numbers, searched
 from visloc_companion.localise.ortho_rectify import MapGrid
 from visloc_companion.localise.search import ScoreVolume
 
@@ -25,7 +25,7 @@ def grid_of(shape: tuple[int, int]) -> MapGrid:
 
 def test_modes_lie_where_the_scores_are_in_metres():
     volume = volume_of((10, 20, 1.0), (30, 4, 0.9))
-    modes = place_modes(volume, np.ones(volume.score.shape, bool), grid_of((40, 50)), 0.05, DOWN)
+    modes = searched(volume, np.ones(volume.score.shape, bool), grid_of((40, 50)), 0.05, DOWN).modes
     first, second = modes[:2]
     assert (first.north_m, first.east_m) == pytest.approx((100 - 2 * 23, -40 + 2 * 15))
     assert (second.north_m, second.east_m) == pytest.approx((100 - 2 * 7, -40 + 2 * 35))
@@ -37,7 +37,8 @@ def test_modes_lie_where_the_scores_are_in_metres():
 def test_modes_are_told_apart_by_the_ground_that_is_looked_at():
     volume = volume_of((10, 20, 1.0))
     volume.hypothesis[20, 10] = 1
-    (mode, *_) = place_modes(volume, np.ones(volume.score.shape, bool), grid_of((40, 50)), 0.05, np.array([[0, 0], [30.0, 7.0]]))
+    everywhere = np.ones(volume.score.shape, bool)
+    (mode, *_) = searched(volume, everywhere, grid_of((40, 50)), 0.05, np.array([[0, 0], [30.0, 7.0]])).modes
     assert (mode.view_north_m - mode.north_m, mode.view_east_m - mode.east_m) == pytest.approx((30.0, 7.0))
     assert mass_near([mode], np.array([84.0, -3.0]), 3.0) == pytest.approx(mode.mass)
     assert mass_near([mode], np.array([54.0, -10.0]), 3.0) == 0.0
@@ -46,7 +47,7 @@ def test_modes_are_told_apart_by_the_ground_that_is_looked_at():
 def test_first_modes_are_reported_about_the_prior():
     volume = volume_of((10, 20, 1.0), (30, 4, 0.9))
     numbers = mode_numbers(
-        place_modes(volume, np.ones(volume.score.shape, bool), grid_of((40, 50)), 0.05, DOWN), np.array([50.0, 0.0])
+        searched(volume, np.ones(volume.score.shape, bool), grid_of((40, 50)), 0.05, DOWN).modes, np.array([50.0, 0.0])
     )
     assert numbers["mode1_north_m"] == pytest.approx(4.0)
     assert numbers["mode1_east_m"] == pytest.approx(-10.0)
@@ -56,5 +57,26 @@ def test_first_modes_are_reported_about_the_prior():
 
 def test_no_scores_leave_no_modes():
     volume = ScoreVolume(np.full((4, 4), -1.0, np.float32), np.zeros((4, 4), np.int32), (0, 0))
-    assert place_modes(volume, np.ones((4, 4), bool), grid_of((8, 8)), 0.05, DOWN) == []
-    assert mode_numbers([], np.zeros(2)) == {"modes": 0.0}
+    nothing = searched(volume, np.ones((4, 4), bool), grid_of((8, 8)), 0.05, DOWN)
+    assert nothing.modes == []
+    assert search_numbers(nothing, np.zeros(2)) == mode_numbers([], np.zeros(2)) == {"modes": 0.0}
+
+
+def test_a_line_that_holds_the_place_across_alone_is_told_with_its_direction_and_spread():
+    """A road along u (east): alike for 31 pixels of 2 m along it, one pixel across."""
+    volume = volume_of()
+    volume.score[12, 5:36] = 1.0
+    told = searched(volume, np.ones(volume.score.shape, bool), grid_of((40, 50)), 0.02, DOWN)
+    numbers = search_numbers(told, np.array([60.0, 10.0]))
+    assert numbers["search_north_m"] == pytest.approx(100 - 2 * 15 - 60)
+    assert numbers["search_east_m"] == pytest.approx(-40 + 2 * 25 - 10)
+    assert numbers["search_sigma_east_m"] == pytest.approx(2 * 31 / np.sqrt(12), rel=1e-3)
+    assert numbers["search_sigma_north_m"] == pytest.approx(2 / np.sqrt(12), rel=1e-3)
+    assert numbers["search_entropy_nats"] == pytest.approx(np.log(31), rel=1e-3)
+    assert abs(numbers["search_correlation"]) < 1e-6
+
+
+def test_a_line_that_lies_askew_correlates_both_axes():
+    volume = volume_of(*((k + 5, k, 1.0) for k in range(25)))  # to the south-east
+    told = searched(volume, np.ones(volume.score.shape, bool), grid_of((40, 50)), 0.02, DOWN)
+    assert search_numbers(told, np.zeros(2))["search_correlation"] == pytest.approx(-1, abs=0.01)

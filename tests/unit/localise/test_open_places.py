@@ -43,12 +43,29 @@ def test_ground_that_repeats_itself_is_ambiguous_and_its_places_are_listed(suppo
     assert answer.footprint_m == pytest.approx(70 * math.sqrt(160 * 120) / 140, rel=0.05)
 
 
+def test_a_refusal_tells_where_the_search_left_the_place(support):
+    """Its posterior spreads over the copies within the prior, and of a place of its own over a pixel or two."""
+    world = paved(support)
+    pixels = support.render(world, MODEL, (3.0, -6.0, -170.0), (0.0, 0.0, 0.3))
+    request = support.request_at((8.0, -20.0, -170.0), (0.0, 0.0, 0.3), sigma_m=35.0)
+    answer = make_localiser("gradient", MODEL).localise(request, pixels, world)
+    told = dict(answer.evidence)
+    modes = [(told[f"mode{k}_north_m"], told[f"mode{k}_east_m"], told[f"mode{k}_probability"]) for k in range(1, 5)]
+    assert sum(share for *_, share in modes) < 0.95, "further copies hold the rest"
+    for axis in ("north", "east"):
+        assert SIDE / 2 < told[f"search_sigma_{axis}_m"] < 3 * 35.0
+    assert told["search_entropy_nats"] > math.log(4)
+
+
 def test_a_place_of_its_own_keeps_its_claim(flat, support):
     p = (3.0, -6.0, -170.0)
     pixels = support.render(flat, MODEL, p, (0.0, 0.0, 0.3))
     answer = make_localiser("gradient", MODEL).localise(support.request_at(p, (0.0, 0.0, 0.3)), pixels, flat)
     assert isinstance(answer, Fix)
     assert dict(answer.evidence)["share"] > 0.999
+    told = dict(answer.evidence)
+    assert math.hypot(told["search_north_m"], told["search_east_m"]) < 2.0
+    assert max(told["search_sigma_north_m"], told["search_sigma_east_m"]) < 3.0
 
 
 def test_a_match_keeps_its_place_in_the_search_under_a_tilt_that_is_not_known(flat, support):
