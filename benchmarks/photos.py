@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.cases import SHARED
 from visloc_companion.evaluate.cases import COLUMNS
 
+DATA = SHARED / "data" / "drone_urban"
 M_PER_DEG_LAT, M_PER_DEG_LON = 110770.0, 111320.0
 """Metres per degree of latitude (at 24 degrees), and of longitude at the equator."""
 TAKEOFF = {"id": "takeoff_5m", "lat_deg": 24.26114, "lon_deg": 120.72060, "h_m": 5.0}
@@ -37,6 +38,9 @@ class PhotoPrior:
 
 TILT_KNOWN = PhotoPrior(100.0, on_ring=True)
 TILT_UNKNOWN = PhotoPrior(100.0, on_ring=True, tilt_sigma_deg=6.0, nadir=True)
+NEAR = PhotoPrior(30.0)
+DRAWS_AT_TAKEOFF = 12
+"""Priors of each kind that the photograph at take-off is shown with."""
 
 
 def drone_urban(folder: Path, prior: PhotoPrior = TILT_KNOWN, seed: int = 1, draws: int = 1) -> Path:
@@ -44,24 +48,41 @@ def drone_urban(folder: Path, prior: PhotoPrior = TILT_KNOWN, seed: int = 1, dra
 
     `h` is metres above the streets.
     """
-    data, rng = SHARED / "data" / "drone_urban", np.random.default_rng(seed)
+    rng, photos = np.random.default_rng(seed), _photos()
     folder.mkdir(parents=True, exist_ok=True)
-    with (data / "photos.csv").open(newline="", encoding="utf-8") as stream:
-        photos = list(csv.DictReader(stream))
     cases, truths = [], []
     for draw in range(draws):
         for photo in photos:
-            case, truth = _case(photo, prior, rng, f"{Path(photo['file']).stem}_{draw}", data)
+            case, truth = _case(photo, prior, rng, f"{Path(photo['file']).stem}_{draw}")
             cases.append(case)
             truths.append(truth)
-    case, truth = _takeoff(photos[0], prior, rng, data)
+    case, truth = _takeoff(photos[0], prior, rng, str(TAKEOFF["id"]))
     _write(folder / "cases.csv", [*cases, case])
     _write(folder / "truth.csv", [*truths, truth])
     return folder
 
 
+def takeoff(folder: Path) -> Path:
+    """The photograph at take-off with the heights, headings and tilts of others as its prior, place and tilt known variously."""
+    folder.mkdir(parents=True, exist_ok=True)
+    photos, cases, truths = _photos(), [], []
+    for name, prior in (("known", TILT_KNOWN), ("unknown", TILT_UNKNOWN), ("near", NEAR)):
+        for draw in range(DRAWS_AT_TAKEOFF):
+            case, truth = _takeoff(photos[2 * draw], prior, np.random.default_rng(draw), f"{TAKEOFF['id']}_{name}_{draw}")
+            cases.append(case)
+            truths.append(truth)
+    _write(folder / "cases.csv", cases)
+    _write(folder / "truth.csv", truths)
+    return folder
+
+
+def _photos() -> list[dict[str, str]]:
+    with (DATA / "photos.csv").open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
 def _case(
-    photo: dict[str, str], prior: PhotoPrior, rng: np.random.Generator, name: str, data: Path
+    photo: dict[str, str], prior: PhotoPrior, rng: np.random.Generator, name: str
 ) -> tuple[dict[str, object], dict[str, object]]:
     """Row of cases.csv and of truth.csv of a photograph.
 
@@ -74,8 +95,8 @@ def _case(
     tilt = np.zeros(2) if prior.nadir else np.array([roll, pitch]) + rng.normal(0, prior.tilt_sigma_deg, 2)
     case: dict[str, object] = dict.fromkeys(COLUMNS, "") | {
         "id": name,
-        "frame": str(data / photo["file"]),
-        "ortho": str(data / "map.tif"),
+        "frame": str(DATA / photo["file"]),
+        "ortho": str(DATA / "map.tif"),
         **{k: photo[k] for k in ("fx_px", "fy_px", "cx_px", "cy_px")},
         "prior_lat_deg": lat + off_m * math.cos(direction) / M_PER_DEG_LAT,
         "prior_lon_deg": lon + off_m * math.sin(direction) / (M_PER_DEG_LON * math.cos(math.radians(lat))),
@@ -93,11 +114,11 @@ def _case(
 
 
 def _takeoff(
-    photo: dict[str, str], prior: PhotoPrior, rng: np.random.Generator, data: Path
+    photo: dict[str, str], prior: PhotoPrior, rng: np.random.Generator, name: str
 ) -> tuple[dict[str, object], dict[str, object]]:
     """The photograph at take-off with the prior of another's height: nothing on the map looks like it."""
     lifted = photo | {k: str(v) for k, v in TAKEOFF.items() if k in photo} | {"file": "extra/takeoff_5m.jpg"}
-    case, truth = _case(lifted, prior, rng, str(TAKEOFF["id"]), data)
+    case, truth = _case(lifted, prior, rng, name)
     return case, truth | {"h_m": TAKEOFF["h_m"], "solvable": 0}
 
 

@@ -1,8 +1,8 @@
 """What is scored on: case sets by name, none of them trained or fitted on.
 
 NAIP frames are centred in rows >= 400, the landscape's seeds are 100 and more. Sets of `NEGATIVE` have no right answer. Those of
-`PHOTOS` are real photographs (each with 15 priors), judged in metres for pixels; as their truth is good to 1.5 to 3.3 m only,
-they count for no pooled figure.
+`PHOTOS` are real photographs (each with 15 priors; that of the take-off has no right answer), judged in metres for pixels; as
+their truth is good to 1.5 to 3.3 m only, they count for no pooled figure.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from benchmarks.cases import SHARED, TEST_ROWS, CaseSet, make
 from benchmarks.frames import Recipe, two_dates, write_cases
 from benchmarks.landscape_cases import FIRST_SCORING_SEED, Worlds, write_landscape
 from benchmarks.negatives import clouds, outside, water, write_pack
-from benchmarks.photos import TILT_KNOWN, TILT_UNKNOWN, drone_urban
+from benchmarks.photos import TILT_KNOWN, TILT_UNKNOWN, drone_urban, takeoff
 
 N = 500
 SCORED_ROWS = (400, 721)
@@ -62,6 +62,7 @@ NEGATIVE: dict[str, Maker] = {
 PHOTOS: dict[str, Maker] = {
     "photos_tilt_known": lambda root: drone_urban(root / "photos_tilt_known", TILT_KNOWN, draws=15),
     "photos_tilt_unknown": lambda root: drone_urban(root / "photos_tilt_unknown", TILT_UNKNOWN, draws=15),
+    "photos_takeoff": lambda root: takeoff(root / "photos_takeoff"),
 }
 SETS = POSITIVE | NEGATIVE | PHOTOS
 FAMILIES = {
