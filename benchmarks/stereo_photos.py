@@ -1,6 +1,6 @@
 """Motion stereo on real photos of a town, where no surface is known: what agrees, and pictures to look at.
 
-    python -m benchmarks.stereo_photos ../shared/data/drone_urban [--report DIR]
+    python -m benchmarks.stereo_photos ../shared/data/drone_urban [--report DIR] [--heights FILE]
 
 Photos that follow each other within 70 m are taken three by three, with the poses of `photos.csv` (positions good to about 1.5 m,
 the height above ground to 3 %, focal length to 2 %, no lens distortion known). `apart`: median difference of the heights that the
@@ -14,6 +14,7 @@ import argparse
 import csv
 import math
 import time
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,10 +26,11 @@ from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.localise.structure.base import LocalCloud, PosedFrame
 from visloc_companion.localise.structure.cloud import local_cloud
-from visloc_companion.types import CameraModel, FloatArray, GeoPoint
+from visloc_companion.types import CameraModel, FloatArray, GeoPoint, Image
 
 STEP_M = 70.0
-CELL_M = 1.0
+CELL_M, PIXEL_M = 1.0, 0.5
+COLUMNS, TILE_PX, MARGIN_PX = 6, 220, 18
 SIGMA_POSITION_M, SIGMA_ATTITUDE_RAD, SIGMA_HEIGHT_SHARE = 1.5, math.radians(0.7), 0.03
 ENU_NED: FloatArray = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
@@ -74,34 +76,56 @@ def differences(a: LocalCloud, b: LocalCloud) -> tuple[float, float, int]:
     return float(np.median(np.abs(apart))), float(np.median(np.abs(left))), len(common)
 
 
-def picture(path: Path, frame: PosedFrame, cloud: LocalCloud) -> None:
-    """The middle photo, heights (2nd to 98th percentile), and the surface lit from the north-west."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+def drawn(cloud: LocalCloud) -> tuple[Image, Image]:
+    """(H, W, 3) BGR heights (2nd to 98th percentile, blue to red) and (H, W) the surface lit from the north-west; north is up,
+    PIXEL_M a pixel, black without a point."""
     low = cloud.points_m[:, :2].min(0)
-    size = np.ceil((cloud.points_m[:, :2].max(0) - low) / 0.5).astype(int) + 1
-    at = ((cloud.points_m[:, :2] - low) / 0.5).astype(int)
+    size = np.ceil((cloud.points_m[:, :2].max(0) - low) / PIXEL_M).astype(int) + 1
+    at = ((cloud.points_m[:, :2] - low) / PIXEL_M).astype(int)
     up = np.full(size[::-1], np.nan)
     up[size[1] - 1 - at[:, 1], at[:, 0]] = cloud.points_m[:, 2]
     lowest, highest = np.nanpercentile(up, (2, 98))
     known = np.isfinite(up)
     grey = np.nan_to_num(np.clip((up - lowest) / (highest - lowest), 0, 1) * 255).astype(np.uint8)
-    color = cv2.applyColorMap(grey, cv2.COLORMAP_TURBO) * known[:, :, None].astype(np.uint8)
+    color = np.asarray(cv2.applyColorMap(grey, cv2.COLORMAP_TURBO) * known[:, :, None].astype(np.uint8), dtype=np.uint8)
     slope = np.nan_to_num(up - np.roll(np.roll(up, 1, 0), 1, 1))
-    lit = np.clip(128 + 60 * slope, 0, 255).astype(np.uint8) * known.astype(np.uint8)
-    photo = cv2.resize(frame.pixels[:, :, ::-1], (round(size[1] * 16 / 9), int(size[1])))
+    return color, np.clip(128 + 60 * slope, 0, 255).astype(np.uint8) * known.astype(np.uint8)
+
+
+def picture(path: Path, frame: PosedFrame, cloud: LocalCloud) -> None:
+    """The middle photo, heights, and the lit surface."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    color, lit = drawn(cloud)
+    photo = cv2.resize(frame.pixels[:, :, ::-1], (round(color.shape[1] * 16 / 9), color.shape[0]))
     cv2.imwrite(str(path), np.hstack([photo, color, np.repeat(lit[:, :, None], 3, 2)]))
+
+
+def sheet(panels: Sequence[tuple[str, Image]]) -> Image:
+    """Heights of named clouds side by side, each reduced to a tile of TILE_PX."""
+    rows = math.ceil(len(panels) / COLUMNS)
+    out = np.full((rows * TILE_PX, COLUMNS * TILE_PX, 3), 255, np.uint8)
+    for k, (name, heights) in enumerate(panels):
+        share = (TILE_PX - 2 * MARGIN_PX) / max(heights.shape[:2])
+        small = cv2.resize(heights, None, fx=share, fy=share, interpolation=cv2.INTER_NEAREST)
+        small[(small == 0).all(2)] = 255
+        top, left = TILE_PX * (k // COLUMNS) + MARGIN_PX, TILE_PX * (k % COLUMNS) + MARGIN_PX
+        out[top : top + small.shape[0], left : left + small.shape[1]] = small
+        cv2.putText(out, name, (left, top), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (40, 40, 40), 1, cv2.LINE_AA)
+    return out
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--report", type=Path, help="folder for pictures; never publish them")
+    parser.add_argument("--report", type=Path, help="folder for pictures with the photos beside; never publish them")
+    parser.add_argument("--heights", type=Path, help="picture of the heights of all clouds, without a photo")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     names, frames, model = photos(options.folder)
     step = [float(np.hypot(*(b.T_local_cam[:2, 3] - a.T_local_cam[:2, 3]))) for a, b in pairwise(frames)]
     print("| photos | base to height | tracks | scatter px | chi2 | matched | points | sigma m | scale | apart m | after m | s |")
     print(f"|{'---|' * 12}")
+    panels: list[tuple[str, Image]] = []
     for k in range(len(frames) - 2):
         if max(step[k : k + 2]) > STEP_M:
             continue
@@ -125,6 +149,10 @@ def main() -> None:
         )
         if options.report:
             picture(options.report / f"{name}.png", three[1], cloud)
+        panels.append((name, drawn(cloud)[0]))
+    if options.heights and panels:
+        options.heights.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(options.heights), sheet(panels), [cv2.IMWRITE_JPEG_QUALITY, 80])
 
 
 if __name__ == "__main__":
