@@ -1,6 +1,9 @@
-"""What cameras, light and years do to a grey image, at random: tones, haze, shadow, blur, noise, JPEG, things that change."""
+"""What cameras, light and years do to a grey image, at random: tones, haze, shadow, blur, noise, JPEG, things that change; and
+what a tilt does that is not known."""
 
 from __future__ import annotations
+
+import math
 
 import cv2
 import numpy as np
@@ -71,6 +74,25 @@ def changed(rng: Rng, image: Float32Array, other: Float32Array) -> Float32Array:
             mask[:] = 1
         out[row : row + h, col : col + w] += mask * (piece - out[row : row + h, col : col + w])
     return out
+
+
+def leaned(image: Float32Array, tilt_rad: float, towards_rad: float, height_px: float) -> Float32Array:
+    """The image (H, W) of level ground as seen from `height_px` above it by a camera that leans by `tilt_rad` more than it knows.
+
+    Its middle stays in place: the shift that comes with it is found as an offset. `towards_rad`: from u to v.
+    """
+    c, s = math.cos(towards_rad), math.sin(towards_rad)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    level, up = math.cos(tilt_rad), math.sin(tilt_rad)
+    lean = np.array([[level, 0.0, up], [0.0, 1.0, 0.0], [-up, 0.0, level]])
+    middle = (np.array(image.shape[1::-1]) - 1) / 2
+    rays = np.array([[1.0, 0.0, -middle[0]], [0.0, 1.0, -middle[1]], [0.0, 0.0, height_px]])
+    H = turn.T @ lean @ turn @ rays
+    shift_px = middle - np.array([c, s]) * height_px * math.tan(tilt_rad)
+    seen = np.array([[height_px, 0.0, shift_px[0]], [0.0, height_px, shift_px[1]], [0.0, 0.0, 1.0]])
+    size = (image.shape[1], image.shape[0])
+    warped = cv2.warpPerspective(image, seen @ H, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    return np.asarray(warped, dtype=np.float32)
 
 
 def _lit(rng: Rng, image: Float32Array) -> Float32Array:

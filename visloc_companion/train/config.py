@@ -57,6 +57,8 @@ class PairsConfig(Section):
     """What the search's grid leaves of the turn."""
     misfit_log_scale: Annotated[float, Field(ge=0, le=1)] = 0.015
     """What the search's grid leaves of the scale."""
+    misfit_tilt_deg: Annotated[float, Field(ge=0, le=30)] = 0.0
+    """What is not known of the tilt, at most: the frame is laid out as if it leaned by so much less. 0 as shipped."""
     same_date_share: UpToOne = 0.05
     """Pairs of one and the same date."""
     change_share: UpToOne = 0.4

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from visloc_companion.errors import ConfigError, ModelError
 from visloc_companion.train.checkpoint import Ancestor, load_checkpoint
-from visloc_companion.train.config import NetworkConfig, ScheduleConfig, TrainingConfig
+from visloc_companion.train.config import NetworkConfig, ScheduleConfig, TrainingConfig, parse_training_config
 from visloc_companion.train.networks import FeatureNetwork, NetworkSettings
 
 FIRST_LOG_SHARPNESS = 4.0
@@ -92,7 +92,8 @@ def begun(config: TrainingConfig, path: Path, device: torch.device, first: Path 
             where=str(path.parent),
             remedy="name another folder for --out, or the same --from as when it was begun",
         )
-    if differing := _differences(saved.config, config.plain()):
+    before = parse_training_config(saved.config, where=str(path)).plain()  # with what keys mean that came later
+    if differing := _differences(before, config.plain()):
         raise ConfigError(
             f"holds a run of another configuration ({', '.join(differing)})",
             where=str(path.parent),

@@ -113,6 +113,7 @@ def pair_settings(config: PairsConfig) -> PairSettings:
         config.log_scale,
         math.radians(config.misfit_turn_deg),
         config.misfit_log_scale,
+        math.radians(config.misfit_tilt_deg),
         config.same_date_share,
         config.change_share,
         config.photometric,

@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.features.network_input import network_input
-from visloc_companion.train.augment import changed, mixed_bands, photographed
+from visloc_companion.train.augment import changed, leaned, mixed_bands, photographed
 from visloc_companion.train.shapes import paint_dates
 from visloc_companion.train.sources import Stack
 
 Float32Array = NDArray[np.float32]
 Rng = np.random.Generator
 PLACES_TRIED = 100
+HEIGHT_PER_SIDE = 0.5 / math.tan(math.radians(30))
+"""Height above ground over the side of the footprint, for a camera of 60 degrees."""
 EMPTY_SHARE = 0.02
 """So much of a piece may be empty: specks of the nodata value are land that happens to have it."""
 
@@ -34,6 +36,7 @@ class PairSettings:
     log_scale: float = 0.1
     misfit_turn_rad: float = math.radians(1.5)
     misfit_log_scale: float = 0.015
+    misfit_tilt_rad: float = 0.0
     same_date_share: float = 0.05
     change_share: float = 0.4
     photometric: float = 1.0
@@ -150,6 +153,9 @@ def make_pair(
     a, b, turn, log_scale, offset = place.map_date, place.frame_date, place.turn_rad, place.log_scale, place.offset_px
     reference = stack.piece(rng, a, A_source_ref, R)
     query = stack.piece(rng, b, A_source_query, Q)
+    if settings.misfit_tilt_rad > 0:  # else nothing is drawn: the pairs of runs without it stay the same
+        tilt, towards = rng.uniform(0, 1) * settings.misfit_tilt_rad, rng.uniform(0, 2 * math.pi)
+        query = leaned(query, tilt, towards, HEIGHT_PER_SIDE * settings.footprint_share * Q)
     if rng.random() < settings.change_share:
         query = changed(rng, query, np.ascontiguousarray(reference[::-1]))
     reference, query = (photographed(rng, image, settings.photometric) for image in (reference, query))

@@ -253,6 +253,19 @@ def test_a_run_does_not_go_on_with_other_images(tmp_path: Path, tiny: Tiny, watc
     assert load_checkpoint(run.train(config, data("copied", 1, 2), out, watcher())).step == 4
 
 
+def test_a_run_from_before_a_key_came_is_gone_on_with(tmp_path: Path, tiny: Tiny, watcher: Any) -> None:
+    """What an earlier version did is what the key's default stands for; another value is another configuration."""
+    with pytest.raises(KeyboardInterrupt):
+        run.train(tiny(), tmp_path, tmp_path / "run", watcher(break_at=3))
+    path = tmp_path / "run" / "checkpoint.pt"
+    saved = torch.load(path, weights_only=True)
+    del saved["config"]["pairs"]["misfit_tilt_deg"]
+    torch.save(saved, path)
+    with pytest.raises(ConfigError, match=r"another configuration \(pairs.misfit_tilt_deg\)"):
+        run.train(tiny(pairs={"misfit_tilt_deg": 3.0}), tmp_path, tmp_path / "run", watcher())
+    assert load_checkpoint(run.train(tiny(), tmp_path, tmp_path / "run", watcher())).step == 4
+
+
 def test_a_checkpoint_that_does_not_say_its_images_is_gone_on_with(tmp_path: Path, tiny: Tiny, watcher: Any) -> None:
     with pytest.raises(KeyboardInterrupt):
         run.train(tiny(), tmp_path, tmp_path / "run", watcher(break_at=3))
