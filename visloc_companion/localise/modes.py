@@ -37,7 +37,8 @@ class PlaceMode(NamedTuple):
 
 class Searched(NamedTuple):
     """The posterior of a search: `modes` by falling mass; of the nadir's position the mean (2,) in metres north and east of the
-    local origin, covariance (2, 2) and entropy (nats, over the search's pixels). Without any score: no modes, NaN moments."""
+    local origin, covariance (2, 2) and entropy (nats, over the search's pixels). No modes: none holds a thousandth, or there is
+    no score at all, and NaN moments."""
 
     modes: list[PlaceMode]
     mean_ne_m: FloatArray
@@ -83,7 +84,7 @@ def search_numbers(found: Searched, prior_ne_m: FloatArray) -> dict[str, float]:
     """The posterior as evidence: its mean north and east of the prior and their 1-sigma (m), their correlation, its entropy, and
     the first modes. Of a position that is told to a pixel the sigmas are those of a pixel."""
     numbers: dict[str, float] = {}
-    if found.modes:
+    if np.isfinite(found.mean_ne_m).all():
         north, east = np.sqrt(np.diag(found.cov_ne_m2)).tolist()
         numbers = {
             "search_north_m": float(found.mean_ne_m[0] - prior_ne_m[0]),

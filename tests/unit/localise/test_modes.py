@@ -80,3 +80,14 @@ def test_a_line_that_lies_askew_correlates_both_axes():
     volume = volume_of(*((k + 5, k, 1.0) for k in range(25)))  # to the south-east
     told = searched(volume, np.ones(volume.score.shape, bool), grid_of((40, 50)), 0.02, DOWN)
     assert search_numbers(told, np.zeros(2))["search_correlation"] == pytest.approx(-1, abs=0.01)
+
+
+def test_a_search_that_leaves_everything_open_says_how_wide_though_no_place_stands_out():
+    v, u = np.mgrid[0:230, 0:230]
+    score = np.cos(2 * np.pi * u / 7) * np.cos(2 * np.pi * v / 7)  # some two thousand places alike
+    volume = ScoreVolume(score.astype(np.float32) / 1000 + 0.5, np.zeros(score.shape, np.int32), (0, 0))
+    told = searched(volume, np.ones(score.shape, bool), grid_of((230, 230)), 0.05, DOWN)
+    numbers = search_numbers(told, np.zeros(2))
+    assert numbers["modes"] == 0
+    assert numbers["search_sigma_north_m"] == pytest.approx(2 * 230 / np.sqrt(12), rel=0.01)
+    assert numbers["search_entropy_nats"] == pytest.approx(np.log(230**2), rel=0.01)
