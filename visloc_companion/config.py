@@ -252,6 +252,9 @@ class JournalConfig(Section):
     """Also record the camera frames (large)."""
     max_bytes: Annotated[int, Field(ge=1_000_000)] = 2_000_000_000
     """A journal stops growing at this size; a notice says so."""
+    keep_bytes: Annotated[int, Field(ge=0)] = 0
+    """At a start on the ground the oldest journals, never the newest, are deleted until those that stay take no more than this; 0
+    keeps all. One that is to stay needs another name than `visloc-*.mcap`, or another folder."""
 
 
 class ClockConfig(Section):

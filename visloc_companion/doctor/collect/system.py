@@ -10,6 +10,7 @@ import subprocess
 from pathlib import Path
 
 from visloc_companion.app.computer import hottest_c, memory_bytes, serial_device, serial_problem
+from visloc_companion.app.journal_folder import outgrown
 from visloc_companion.app.parts import check_journal_folder
 from visloc_companion.config import Config
 from visloc_companion.doctor.facts import SystemFacts
@@ -32,7 +33,7 @@ def read_system(config: Config, root: Path = Path("/")) -> SystemFacts:
         governor=_text(root / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
         clock_synchronised=clock_synchronised(),
         bits=8 * struct.calcsize("P"),
-        disk_free_mb=None if folder is None else _disk_free_mb(folder),
+        disk_free_mb=None if folder is None else _disk_free_mb(folder, config.journal.keep_bytes),
         journal_problem="" if folder is None else _journal_problem(config),
         serial_problem=serial_problem(device) if device else "",
         console_on_serial=_console(root, device),
@@ -59,11 +60,13 @@ def _text(path: Path) -> str | None:
     return None
 
 
-def _disk_free_mb(folder: Path) -> float | None:
+def _disk_free_mb(folder: Path, keep_bytes: int) -> float | None:
+    """What a new journal finds: with what the daemon deletes before it begins one."""
     with contextlib.suppress(OSError):
+        gone = sum(outgrown(folder, keep_bytes).values())
         while not folder.exists() and folder != folder.parent:
             folder = folder.parent
-        return shutil.disk_usage(folder).free / 1e6
+        return (shutil.disk_usage(folder).free + gone) / 1e6
     return None
 
 

@@ -178,7 +178,7 @@ def _journal(system: SystemFacts, facts: Facts) -> Finding:
     "system-disk",
     "space in journal.folder",
     "A full disk ends the journal in the middle of the flight.",
-    "delete old journals, or a smaller journal.max_bytes",
+    "delete old journals, or let the daemon do it (journal.keep_bytes); or a smaller journal.max_bytes",
 )
 def _disk(system: SystemFacts, facts: Facts) -> Finding:
     if system.disk_free_mb is None:

@@ -1,0 +1,44 @@
+"""Keeps the folder of the journals from filling the disk: the oldest go before a new one begins, where the configuration says so.
+
+Nothing but journals under the daemon's own names counts: one that was renamed stays.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+_NAMES = "visloc-*.mcap"
+
+
+def outgrown(folder: Path, keep_bytes: int) -> dict[Path, int]:
+    """The oldest journals of a folder, with their sizes, without which the others take no more than so many bytes; none with 0.
+
+    The newest is never among them: it is that of the flight before, or of this one where the daemon starts again in flight. Age
+    is that of the last write: a computer without a clock names the journals of all its days alike. What cannot be looked at is
+    left.
+    """
+    if keep_bytes == 0:
+        return {}
+    found: list[tuple[int, str, Path, int]] = []
+    for path in folder.glob(_NAMES):
+        with contextlib.suppress(OSError):
+            of = path.lstat()
+            found.append((of.st_mtime_ns, path.name, path, of.st_size))
+    over = sum(size for *_, size in found) - keep_bytes
+    gone: dict[Path, int] = {}
+    for _, _, path, size in sorted(found)[:-1]:
+        if over <= 0:
+            break
+        gone[path], over = size, over - size
+    return gone
+
+
+def delete_outgrown(folder: Path, keep_bytes: int) -> list[Path]:
+    """Delete them; which are gone. One that cannot be deleted stays: it is no reason not to fly."""
+    gone = []
+    for path in outgrown(folder, keep_bytes):
+        with contextlib.suppress(OSError):
+            path.unlink()
+            gone.append(path)
+    return gone
