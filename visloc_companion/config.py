@@ -178,6 +178,10 @@ class NavigatorConfig(Section):
     """Below this height above home the low limits hold: approach and landing."""
 
 
+LEAST_REPORTS = 2
+"""Of a receiver within `gnss.silence_s`: with fewer the time between two of them is the silence that counts as lost."""
+
+
 class GnssConfig(Section):
     """The GNSS monitor."""
 
@@ -188,7 +192,7 @@ class GnssConfig(Section):
     max_h_acc_m: Positive = 10.0
     """A larger horizontal accuracy claimed by the receiver counts against GNSS."""
     silence_s: Positive = 2.0
-    """No GPS_RAW_INT for so long counts as lost."""
+    """No GPS_RAW_INT for so long counts as lost; with `link.gnss_rate_hz` two of them have to come in that time."""
     suspect_sigma: Positive = 3.0
     """Vision against GNSS: the normalised difference at which one comparison starts a probation anew."""
     drift_threshold: Positive = 10.5

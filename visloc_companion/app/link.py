@@ -19,7 +19,7 @@ from visloc_companion.adapters.mavlink.signing import SigningSettings, at_zero_o
 from visloc_companion.adapters.mavlink.signing_key import read_key
 from visloc_companion.adapters.mavlink.signing_stamp import StampFile
 from visloc_companion.app.handover import Left
-from visloc_companion.config import Config, LinkConfig
+from visloc_companion.config import LEAST_REPORTS, Config, LinkConfig
 from visloc_companion.errors import ConfigError, MapError
 from visloc_companion.protocols import AutopilotLink, Clock
 from visloc_companion.types import GeoPoint
@@ -67,11 +67,18 @@ def make_link(
 
 
 def require_sense(config: Config) -> None:
-    """Raises ConfigError where we would speak as the autopilot, or a switch back to GNSS would not lead to it."""
+    """Raises ConfigError where we would speak as the autopilot, take a receiver for silent that says what it was asked for, or a
+    switch back to GNSS would not lead to it."""
     injection, remedy = config.injection, "leave it out: the default is right"
     if config.link.component_id == AUTOPILOT_COMPONENT:
         what = "1 is the autopilot's own: it passes over what seems to come from itself"
         raise ConfigError(what, where="link.component_id", remedy=remedy)
+    rate_hz, silence_s = config.link.gnss_rate_hz, config.gnss.silence_s
+    if rate_hz * silence_s < LEAST_REPORTS:
+        every = f"{rate_hz:g} Hz is a report every {1 / rate_hz:.3g} s"
+        more = f"ask for {LEAST_REPORTS / silence_s:.3g} or more (5 is the default), or a longer gnss.silence_s"
+        what = f"{every}, and {silence_s:g} s without one are a lost GNSS (gnss.silence_s)"
+        raise ConfigError(what, where="link.gnss_rate_hz", remedy=more)
     if not injection.switch_source:
         return
     if injection.gnss_source_set == injection.vision_source_set:

@@ -34,7 +34,7 @@ from visloc_companion.evaluate.record import MAX_TRUTH_GAP_S, FlightRecord, from
 from visloc_companion.evaluate.report_map import MapImage
 from visloc_companion.evaluate.right_place import check_places
 from visloc_companion.evaluate.told import Told
-from visloc_companion.evaluate.trusted_gnss import far_from_truth_noted
+from visloc_companion.evaluate.trusted_gnss import far_from_truth_noted, rare_reports_noted
 from visloc_companion.evaluate.unasked import unasked_noted
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.signature import public_keys
@@ -177,7 +177,7 @@ class LogSource:
             record = from_entries(self.told.heard(entries), truth, t0_ns=events[0][0] if events else None)
         self.truth_share = float(np.mean(np.isfinite(record.truth_ned_m[:, 0]))) if len(record.t_s) else 0.0
         self.changes = {"verdicts": record.changes(record.verdicts), "modes": record.changes(record.modes)}
-        self.flight_notes = far_from_truth_noted(record)
+        self.flight_notes = rare_reports_noted(events, self.config.gnss.silence_s) + far_from_truth_noted(record)
         if self.eyes is not None:
             least_m = self.config.navigator.min_height_m
             self.flight_notes += unasked_noted(record.n_frames, record.n_requests, events, least_m)

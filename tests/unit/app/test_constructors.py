@@ -71,6 +71,8 @@ def test_a_disk_that_keeps_no_time_of_signing_is_a_problem_before_the_flight_onl
     ("told", "where"),
     [
         ({"link": {"component_id": 1}}, "link.component_id"),
+        ({"link": {"gnss_rate_hz": 0.4}}, "link.gnss_rate_hz"),
+        ({"gnss": {"silence_s": 0.3}}, "link.gnss_rate_hz"),
         ({"injection": {"switch_source": True, "gnss_source_set": 2}}, "injection.vision_source_set"),
         ({"injection": {"switch_source": True, "px4_gps_ctrl": 0}}, "injection.px4_gps_ctrl"),
         ({"injection": {"switch_source": True, "px4_gps_ctrl": 6}}, "injection.px4_gps_ctrl"),

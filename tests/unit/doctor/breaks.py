@@ -176,6 +176,8 @@ REST = [
     ap("config-journal", "amber", "journal.folder", config("journal", folder="")),
     ap("config-component", "amber", "component_id = 197", config("link", component_id=198)),
     ap("config-component", "red", "component_id = 197", config("link", component_id=1)),
+    ap("config-gnss-rate", "red", "gnss_rate_hz = 5", config("link", gnss_rate_hz=0.5)),
+    ap("config-gnss-rate", "amber", "silence_s = 2", config("gnss", silence_s=0.5)),
     ap("config-attitude-rate", "amber", "attitude_rate_hz = 50", config("link", attitude_rate_hz=10.0)),
     ap("config-hashes", "amber", "verify_hashes = true", config("map", verify_hashes=False)),
     ap("config-lost-sigma", "amber", "lost_sigma_m = 60", config("navigator", lost_sigma_m=500.0)),

@@ -1,4 +1,4 @@
-"""A truth that lies elsewhere than the receiver while GNSS counts as OK is told of."""
+"""A truth that lies elsewhere than the receiver while GNSS counts as OK is told of, and a log that seldom tells of GNSS."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import pytest
 
 from tests.unit.evaluate.synthetic_flight import make_record
 from visloc_companion.evaluate.record import FlightRecord, Track
-from visloc_companion.evaluate.trusted_gnss import far_from_truth_noted
+from visloc_companion.evaluate.trusted_gnss import far_from_truth_noted, rare_reports_noted
+from visloc_companion.types import GeoPoint, Gnss
 
 
 def moved(record: FlightRecord, north_m: float, from_s: float = 0.0) -> FlightRecord:
@@ -37,3 +38,23 @@ def test_nothing_is_said_where_truth_receiver_or_trust_is_not_there() -> None:
     assert far_from_truth_noted(replace(record, truth=no_track)) == []
     assert far_from_truth_noted(replace(record, gnss=no_track)) == []
     assert far_from_truth_noted(replace(record, verdicts=("denied",) * len(record.verdicts))) == []
+
+
+def reports(every_s: float, n: int = 100, receiver: int = 0) -> list[tuple[int, Gnss]]:
+    at_ns = [round(k * every_s * 1e9) for k in range(n)]
+    return [(t, Gnss(t, t, 3, 12, GeoPoint(47.0, 8.0, 400.0), 1.0, 1.5, None, receiver=receiver)) for t in at_ns]
+
+
+def test_a_log_in_which_receivers_speak_seldom_is_told_of_with_what_to_write() -> None:
+    """A real log with a report every 2.7 s was replayed as 900 s of a lost GNSS, and nothing said that it was the log."""
+    (note,) = rare_reports_noted(reports(2.7), 2.0)
+    assert "every 2.7 s (median)" in note
+    assert "gnss.silence_s = 9 in --config" in note
+    assert rare_reports_noted(reports(2.7), 9.0) == []
+
+
+def test_a_receiver_that_falls_silent_now_and_then_is_not_a_log_that_is_slow() -> None:
+    often = reports(0.2)
+    assert rare_reports_noted(often[:40] + often[80:], 2.0) == []
+    assert rare_reports_noted([], 2.0) == rare_reports_noted(often[:1], 2.0) == []
+    assert rare_reports_noted(reports(2.7, receiver=1), 2.0) == [], "the second receiver is not judged"

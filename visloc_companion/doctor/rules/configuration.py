@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from visloc_companion.config import Config
+from visloc_companion.config import LEAST_REPORTS, Config
 from visloc_companion.doctor.facts import Facts
 from visloc_companion.doctor.finding import Finding, Rule, amber, green, red, skipped
 from visloc_companion.doctor.rules.parameter import unread
@@ -137,6 +137,22 @@ def _attitude(config: Config, facts: Facts) -> Finding:
 
 
 @config_rule(
+    "config-gnss-rate",
+    "link.gnss_rate_hz gnss.silence_s",
+    "A receiver that says nothing for gnss.silence_s is lost: where that holds fewer than three reports one that the line drops "
+    "does it, and positions are sent beside a good GNSS.",
+    "link.gnss_rate_hz = 5, gnss.silence_s = 2",
+)
+def _gnss_rate(config: Config, facts: Facts) -> Finding:
+    del facts
+    held = config.link.gnss_rate_hz * config.gnss.silence_s
+    read = f"{config.link.gnss_rate_hz:g} Hz for {config.gnss.silence_s:g} s: {held:.3g} reports"
+    if held < LEAST_REPORTS:
+        return red(read)
+    return green(read) if held >= LEAST_REPORTS + 1 else amber(read)
+
+
+@config_rule(
     "config-hashes",
     "map.verify_hashes",
     "A damaged pack, or one that was exchanged, is then not noticed.",
@@ -218,6 +234,7 @@ RULES: tuple[Rule, ...] = (
     _journal,
     _component,
     _attitude,
+    _gnss_rate,
     _hashes,
     _lost,
     _camera,
