@@ -55,7 +55,8 @@ class LinkConfig(Section):
     computer_status: bool = True
     """Send ONBOARD_COMPUTER_STATUS once a second."""
     reconnect_s: Positive = 2.0
-    """Silence after which the connection is opened anew, and the pause between tries."""
+    """The pause before the connection is opened anew, twice as long from try to try up to 10 s. A TCP or serial one is given up
+    after so long and 3 s without a byte."""
 
 
 class MapConfig(Section):

@@ -199,6 +199,56 @@ async def test_a_port_that_is_taken_is_tried_again():
     await link.close()
 
 
+class Silent:
+    """A connection on which nothing ever comes."""
+
+    port, dropped = None, 0
+
+    def write(self, packets: list[bytes]) -> None:
+        """Nobody reads it."""
+
+    def speak_to(self, source: object) -> None:
+        """Nobody is there."""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+async def opened_s(url: str, reconnect_s: float, refused: int, until_s: float) -> list[float]:
+    """When a link opened its connection (which is refused so often), seconds."""
+    clock, tries = ManualClock(), list[float]()
+
+    async def opens(endpoint: object, listener: object) -> Silent:
+        tries.append(clock.now_ns() * 1e-9)
+        if len(tries) <= refused:
+            raise ConnectionRefusedError("nobody listens")
+        return Silent()
+
+    link = PymavlinkLink(url, SessionSettings(reconnect_s=reconnect_s), clock, open_channel=opens)
+    link.open()
+    for _ in range(round(until_s / 0.05)):
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        clock.advance(0.05)
+    await link.close()
+    return tries
+
+
+@pytest.mark.parametrize("url", ["tcp:10.0.0.2:5760", "serial:/dev/ttyAMA0:921600"])
+async def test_a_stream_is_opened_anew_after_reconnect_s_and_three_seconds_of_silence(url: str):
+    assert await opened_s(url, 2.0, 0, 16.0) == pytest.approx([0.0, 7.0, 14.0], abs=0.3)
+    assert await opened_s(url, 0.5, 0, 9.0) == pytest.approx([0.0, 4.0, 8.0], abs=0.3)
+
+
+async def test_tries_that_fail_come_twice_as_far_apart_up_to_ten_seconds():
+    tries = await opened_s("tcp:10.0.0.2:5760", 2.0, 9, 36.0)
+    assert tries == pytest.approx([0.0, 2.0, 6.0, 14.0, 24.0, 34.0], abs=0.4)
+
+
+async def test_datagrams_have_no_connection_that_silence_could_end():
+    assert await opened_s("udpin:0.0.0.0:14550", 2.0, 0, 30.0) == [0.0]
+
+
 async def test_the_tap_sees_every_byte_of_both_directions():
     clock = MonotonicClock(SPEED)
     autopilot = FakeAutopilot()

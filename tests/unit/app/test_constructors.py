@@ -68,6 +68,27 @@ def test_a_disk_that_keeps_no_time_of_signing_is_a_problem_before_the_flight_onl
 
 
 @pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("link", "system_id", 4),
+        ("link", "component_id", 198),
+        ("link", "operator_systems", (254, 255)),
+        ("link", "reconnect_s", 5.0),
+        ("injection", "gnss_source_set", 3),
+        ("injection", "vision_source_set", 3),
+        ("injection", "px4_gps_ctrl", 3),
+        ("injection", "position_sensor_id", 7),
+        ("injection", "external_estimate_period_s", 4.0),
+        ("injection", "max_step_m", 8.0),
+    ],
+)
+def test_no_key_of_the_link_is_lost_on_the_way(section: str, key: str, value: object) -> None:
+    settings = link_of(parse_config({section: {key: value}})).session.settings
+    assert getattr(settings, key) == value
+    assert getattr(link_of(Config()).session.settings, key) != value
+
+
+@pytest.mark.parametrize(
     ("told", "where"),
     [
         ({"link": {"component_id": 1}}, "link.component_id"),

@@ -8,7 +8,16 @@ import pytest
 
 from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.settings import core_settings, mounting
-from visloc_companion.config import CameraConfig, Config, LinkConfig, parse_config
+from visloc_companion.config import (
+    CameraConfig,
+    Config,
+    GnssConfig,
+    InjectionConfig,
+    LinkConfig,
+    NavigatorConfig,
+    parse_config,
+)
+from visloc_companion.config_section import Section
 from visloc_companion.core.settings import CoreSettings, GimbalSettings
 from visloc_companion.errors import ConfigError
 from visloc_companion.geo.se3 import rotate
@@ -42,6 +51,38 @@ def test_every_value_reaches_its_place() -> None:
     assert settings.mount_sigma_rad == pytest.approx(math.radians(2.0))
     assert settings.readout_s == pytest.approx(0.025)
     assert settings.seed == 77
+
+
+SECTIONS: dict[str, type[Section]] = {"navigator": NavigatorConfig, "gnss": GnssConfig, "injection": InjectionConfig}
+OF_THE_LINK = {"output", "position_sensor_id", "external_estimate_period_s", "max_outside_map_m", "set_origin"}
+"""Of section `injection`: what the link alone is told (test_constructors.py)."""
+OTHERS = {
+    "localiser": ("max_probability_wrong", "max_rate_hz", "structure", "structure_every", "rangefinder", "terrain"),
+    "link": ("attitude_rate_hz", "position_rate_hz", "gnss_rate_hz", "status_rate_hz"),
+    "camera": ("mount_roll_deg", "mount_pitch_deg", "mount_yaw_deg", "mount_sigma_deg", "readout_ms", "lever_arm_frd_m"),
+}
+KEYS = [(section, key) for section, model in SECTIONS.items() for key in model.model_fields if key not in OF_THE_LINK]
+KEYS += [(section, key) for section, keys in OTHERS.items() for key in keys]
+
+
+def another(section: str, key: str) -> object:
+    """A value that is allowed and not the default."""
+    default = getattr(getattr(Config(), section), key)
+    texts = {"policy": "always", "beyond_alert_limit": "stop"}
+    if isinstance(default, bool):
+        return not default
+    if isinstance(default, str):
+        return texts[key]
+    if isinstance(default, tuple):
+        return (0.1, 0.2, 0.3)
+    return default + 1 if isinstance(default, int) else default * 0.9 + (default == 0.0)
+
+
+@pytest.mark.parametrize(("section", "key"), KEYS)
+def test_no_key_of_the_navigator_is_lost_on_the_way(section: str, key: str) -> None:
+    """Also of those that are to come: one that is added to the configuration alone would change nothing."""
+    told = core_settings(parse_config({section: {key: another(section, key)}}))
+    assert told != CoreSettings()
 
 
 def test_a_camera_turned_to_the_right_sees_forward_where_the_vehicle_has_right() -> None:
