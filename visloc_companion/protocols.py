@@ -49,6 +49,10 @@ class AutopilotLink(Protocol):
     def rounds(self) -> int:
         """How often the connection was seen to so far: grows while it is served, whatever the autopilot says."""
 
+    @property
+    def withheld(self) -> str:
+        """Why positions are not sent that are to be, in a few words; empty where they are."""
+
     def events(self) -> AsyncIterator[Event]:
         """Decoded events, stamped with arrival time, until the link is closed. Reconnects by itself (LinkChanged)."""
 

@@ -37,12 +37,13 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 
 @contextmanager
-def daemon(path: Path, **status: Any) -> Iterator[None]:
+def daemon(path: Path, injections: dict[str, Any] | None = None, **status: Any) -> Iterator[None]:
     looks = [0]
 
     def look() -> dict[str, Any]:
         looks[0] += 1
-        return snapshot(looks[0] / 4, **status) | {"computer": COMPUTER}
+        told = snapshot(looks[0] / 4, **status) | {"computer": COMPUTER}
+        return told if injections is None else told | {"injections": injections}
 
     async def run(stop: asyncio.Event) -> None:
         async with status_server(path, look, print):
@@ -63,6 +64,19 @@ def test_parts_and_what_is_said_of_them_do_not_overlap(page: Page, tmp_path: Pat
             "[...document.querySelectorAll('#health li span')].map((s) => [s.innerText, s.scrollWidth - s.clientWidth])"
         )
     assert len(wide) >= 10 and [words for words, over in wide if over > 0] == []
+
+
+@pytest.mark.parametrize("width", [1280, 360])
+@pytest.mark.parametrize("why", ["too far outside the map", "set GPS1_TYPE or GPS2_TYPE 14 and reboot, or injection.output auto"])
+def test_positions_that_are_kept_back_are_shown_with_why(page: Page, tmp_path: Path, width: int, why: str) -> None:
+    path = tmp_path / "status.sock"
+    with daemon(path, {"sent": 321, "dropped": 0, "withheld": why}), dashboard(DaemonSocket(path)) as url:
+        page.open(url, width, 900)
+        page.until(f"{STATE} === 'live' && document.body.innerText.includes('NOT SENT')")
+        shown = page.value("document.getElementById('sending').innerText").split("\n")
+        assert shown[-1].strip() == (why if width > 1000 else "NOT SENT"), "a phone has room for one word a badge"
+        assert "SENDING" not in page.value("document.body.innerText")
+        assert page.value("document.getElementById('sending').scrollWidth - document.getElementById('sending').clientWidth") <= 0
 
 
 @pytest.mark.parametrize(("width", "level_m"), [(1280, 157.0), (360, 103.0), (360, 160.0)])

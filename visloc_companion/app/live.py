@@ -76,7 +76,7 @@ class Daemon:
         self.status: Status | None = None
         self._seen = Seen()
         self.health = Health({part: limit for part, limit in LIMITS_S.items() if part != "camera" or parts.camera is not None})
-        self.slow_steps = self.slowest_ns = self.orders_dropped = 0
+        self.slow_steps = self.slowest_ns = self.orders_dropped = self._withheld = 0
         self._make, self._notifier = make, notifier
         self._wall = MonotonicClock()  # health is about this process, whatever speed the flight's clock has
         self._injections: Mailbox[Injection] = Mailbox(2, newest_wins=True)
@@ -229,6 +229,7 @@ class Daemon:
     async def _send_injections(self) -> None:
         while True:
             await self.link.send(await self._injections.get())
+            self._withheld += bool(self.link.withheld)
 
     async def _send_notices(self) -> None:
         while True:
@@ -261,7 +262,8 @@ class Daemon:
 
     def _condition(self) -> Condition:
         worker, journal = self.parts.worker, self.parts.journal
-        faulty = bool(self.health.late(self._wall.now_ns())) or (worker is not None and worker.given_up)
+        withheld = self.status is not None and self.status.injected and bool(self.link.withheld)
+        faulty = bool(self.health.late(self._wall.now_ns())) or (worker is not None and worker.given_up) or withheld
         return Condition(self.status, faulty, recording=journal is not None and not journal.problem)
 
     async def _watch(self) -> None:
@@ -304,7 +306,11 @@ class Daemon:
             "cycle_slips": self.health.cycle_slips,
             "slow_steps": self.slow_steps,
             "slowest_ms": self.slowest_ns / 1e6,
-            "injections": {"sent": self._injections.taken, "dropped": self._injections.dropped},
+            "injections": {
+                "sent": self._injections.taken - self._withheld,
+                "dropped": self._injections.dropped,
+                "withheld": self.link.withheld,
+            },
             "late": self.health.late(self._wall.now_ns()),
             "camera": self.parts.camera is not None,
             **self._seen.snapshot(now_ns),

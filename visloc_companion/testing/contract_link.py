@@ -173,6 +173,7 @@ class LinkContract(ABC):
             await bench.link.send(bench.injection(north_m=12.0))
             await bench.until(lambda: bool(bench.peer.poses()), "a position")
             assert bench.peer.poses() == [((12.0, -7.0, -40.0), 5)]
+            assert bench.link.withheld == ""
             await self._end(bench, listening)
 
     async def test_request_tells_whether_it_arrives(self) -> None:

@@ -32,7 +32,7 @@ class FakeLink:
 
     It comes up with the first call, with its origin where it has one. `feed` adds any event. `grants_streams` and
     `grants_switches` decide the answers. What was sent stays in the lists; an injection without origin or link is not sent.
-    While it `hangs` nobody sees to it.
+    While it `hangs` nobody sees to it, and positions that are `withheld` go nowhere.
     """
 
     clock: Clock
@@ -49,6 +49,7 @@ class FakeLink:
     reports: list[Report] = field(default_factory=list)
     closed: bool = False
     hangs: bool = False
+    withheld: str = ""
     up: bool = False
     armed: bool = False
     _begun: bool = False
@@ -83,7 +84,7 @@ class FakeLink:
 
     async def send(self, injection: Injection) -> None:
         """Note an injection."""
-        if self._begin() and self.up and self.origin is not None:
+        if self._begin() and self.up and self.origin is not None and not self.withheld:
             self.injections.append(injection)
 
     async def request(self, message: RequestMessage) -> bool:

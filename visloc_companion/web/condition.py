@@ -19,11 +19,15 @@ SEVERITIES = ("info", "notice", "warning", "critical")
 
 
 def injection(snapshot: dict[str, Any]) -> dict[str, Any]:
-    """Whether positions go to the autopilot now, and how many have."""
+    """Whether positions go to the autopilot now, why those that should do not, and how many have."""
     sent = part(snapshot, "injections")
     injected = flag(part(snapshot, "status").get("injected"))
     says = {True: "sending positions to the autopilot", False: "not sending", None: "not known"}[injected]
-    return {"now": injected, "says": says, "sent": count(sent.get("sent")), "dropped": count(sent.get("dropped"))}
+    withheld = text(sent.get("withheld")) if injected else ""
+    if withheld:
+        injected, says = False, f"positions are NOT SENT: {withheld}"
+    sums = {name: count(sent.get(name)) for name in ("sent", "dropped")}
+    return {"now": injected, "says": says, "withheld": withheld, **sums}
 
 
 def health(snapshot: dict[str, Any]) -> list[dict[str, Any]]:

@@ -5,14 +5,17 @@ from dataclasses import replace
 
 import pytest
 
-from tests.unit.adapters.session_talk import injection, talk
+from tests.unit.adapters.session_talk import ORIGIN, injection, talk
 from visloc_companion.adapters.mavlink.dialect import mav
+from visloc_companion.adapters.mavlink.outputs.fence import Fence
 from visloc_companion.adapters.mavlink.outputs.kinds import Output
+from visloc_companion.adapters.mavlink.refusals import REASONS, Refusals
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
+from visloc_companion.errors import Reason
 from visloc_companion.testing.conversation import Conversation
 from visloc_companion.testing.fake_autopilot import FakeAutopilot
-from visloc_companion.types import AutopilotKind, EkfSource, Gnss, SourceSwitched, SwitchSource
+from visloc_companion.types import AutopilotKind, EkfSource, Gnss, Notice, Severity, SourceSwitched, SwitchSource
 
 
 def asked_for_quality() -> Conversation:
@@ -142,3 +145,69 @@ def test_estimates_for_dead_reckoning_come_at_their_own_slow_period():
     talking.session.switch(SwitchSource(EkfSource.VISION), talking.now_ns)
     ended = [event for event in talking.run(1.0) if isinstance(event, SourceSwitched)]
     assert [(event.accepted, event.shows_use) for event in ended] == [(True, False)]
+
+
+def fenced() -> Conversation:
+    """Within a fence whose northern edge lies 40 m south of the origin."""
+    edge_deg = ORIGIN.lat_deg - 40.0 / 111_000.0
+    fence = Fence(ORIGIN.lat_deg - 1, ORIGIN.lon_deg - 1, edge_deg, ORIGIN.lon_deg + 1, 0.0)
+    talking = Conversation(MavlinkSession(SessionSettings(fence=fence)), FakeAutopilot())
+    talking.run(4.0)
+    return talking
+
+
+def fly(talking: Conversation, for_s: float, north_m: float = 10.0) -> list[bool]:
+    """Ten positions a second, and which of them were sent."""
+    sent = []
+    for _ in range(round(for_s * 10)):
+        talking.run(0.1)
+        sent.append(talking.session.send(injection(talking.now_ns, north_m=north_m), talking.now_ns))
+    talking.run(0.1)
+    return sent
+
+
+def test_the_operator_is_told_that_positions_are_kept_back_and_that_they_are_sent_again():
+    """They ended beyond the map's fence while the ground station showed AIDING: only the log said so."""
+    talking = fenced()
+    assert not any(fly(talking, 0.8))
+    assert talking.autopilot.texts == [], "it may be over at once"
+    assert not any(fly(talking, 3.0))
+    assert talking.session.withheld == "too far outside the map"
+    assert talking.autopilot.texts == ["visloc NOT SENT: too far outside the map"]
+    assert all(fly(talking, 1.0, north_m=-60.0))
+    assert talking.session.withheld == ""
+    assert talking.autopilot.texts[1:] == ["visloc: positions are sent again"]
+    assert not any(fly(talking, 2.0))
+    assert talking.autopilot.texts[2:] == ["visloc NOT SENT: too far outside the map"]
+
+
+def test_single_positions_that_are_kept_back_are_the_logs_affair():
+    talking = fenced()
+    for _ in range(6):
+        fly(talking, 0.2)
+        fly(talking, 0.2, north_m=-60.0)
+        talking.run(2.0)
+    assert talking.autopilot.texts == []
+    assert len([text for text in talking.session.warnings() if "further outside the map" in text]) == 1
+
+
+@pytest.mark.parametrize("reason", [reason for reason in Reason if reason in REASONS])
+def test_each_reason_fits_into_one_text(reason: Reason):
+    said: list[Notice] = []
+    refusals = Refusals(lambda text: None, said.append)
+    for k in range(12):
+        refusals.refused(reason, k * 100_000_000)
+    (notice,) = said
+    assert (len(notice.text) <= 50, notice.to_operator, notice.severity) == (True, True, Severity.CRITICAL)
+    assert refusals.counts[reason] == 12
+
+
+def test_a_pause_in_which_none_were_to_be_sent_does_not_count():
+    said: list[Notice] = []
+    refusals = Refusals(lambda text: None, said.append)
+    for t_s in (0.0, 0.5, 10.0, 10.5, 60.0):
+        refusals.refused(Reason.TOO_OLD, round(t_s * 1e9))
+    assert said == []
+    refusals.refused(Reason.TOO_OLD, round(60.9e9))
+    refusals.refused(Reason.NO_ORIGIN, round(61.1e9))
+    assert [notice.text for notice in said] == ["visloc NOT SENT: EKF origin not known"]

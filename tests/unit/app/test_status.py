@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.unit.app.daemon import configuration, flight, hovering
 from visloc_companion.app.status import check_status_socket, require_status_socket, status_server
 from visloc_companion.errors import ConfigError
 
@@ -115,3 +116,20 @@ async def test_a_disk_that_fails_is_told_and_keeps_no_daemon_from_starting_again
         check_status_socket(path)
     async with status_server(path, dict, told.append):
         assert told == [f"no status socket: {os.strerror(fault)}"]
+
+
+async def test_positions_that_the_link_keeps_back_are_not_told_as_sent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    async with flight(configuration(tmp_path)) as f, hovering(f):
+        await f.until(lambda: len(f.link.injections) > 3, "injections")
+        before = f.daemon.snapshot()["injections"]
+        assert before["withheld"] == ""
+        assert not f.daemon._condition().critical
+        f.link.withheld = "too far outside the map"
+        n = len(f.link.injections)
+        await f.until(lambda: f.daemon._injections.taken > before["sent"] + 10, "ten that are kept back")
+        told = f.daemon.snapshot()["injections"]
+        assert told["withheld"] == "too far outside the map"
+        assert f.daemon._condition().critical, "what the heartbeat shows"
+        assert abs(told["sent"] - n) <= 1
+        assert len(f.link.injections) == n

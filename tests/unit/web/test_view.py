@@ -50,6 +50,15 @@ def test_a_flight_in_which_gnss_is_spoofed() -> None:
     assert shown["notices"][0]["text"] == "visloc: GNSS not trusted, camera says elsewhere"
 
 
+def test_positions_that_are_kept_back_are_not_shown_as_sent() -> None:
+    why = "too far outside the map"
+    of_the_link = {"injections": {"sent": 300, "dropped": 0, "withheld": why}}
+    shown = view(snapshot() | of_the_link)["injection"]
+    assert shown == {"now": False, "says": f"positions are NOT SENT: {why}", "withheld": why, "sent": 300, "dropped": 0}
+    idle = view(snapshot(injected=False) | of_the_link)["injection"]
+    assert (idle["now"], idle["says"], idle["withheld"]) == (False, "not sending", ""), "of before: none are to be sent now"
+
+
 def test_the_ellipse_points_along_the_larger_sigma() -> None:
     """Sigmas of 2 m north and 1 m east: 95 % within 2.448 of each, the major axis north."""
     position = view(snapshot())["position"]

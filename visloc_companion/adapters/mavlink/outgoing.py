@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 
 from visloc_companion.adapters.mavlink.dialect import Message, mav
@@ -12,6 +11,7 @@ from visloc_companion.adapters.mavlink.outputs.encoding import encode
 from visloc_companion.adapters.mavlink.outputs.fence import Gate
 from visloc_companion.adapters.mavlink.outputs.kinds import Output, Vehicle
 from visloc_companion.adapters.mavlink.parameters import ParameterReader
+from visloc_companion.adapters.mavlink.refusals import Refusals
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.errors import Reason
 from visloc_companion.types import EkfSource, GeoPoint, Injection, LinkChanged, Notice, Severity
@@ -20,27 +20,18 @@ _NS_PER_S = 1_000_000_000
 _ACTIVE_FOR_NS = 2 * _NS_PER_S
 _SINCE_2017_US = 1_483_228_800_000_000
 """A calendar time before this comes from a clock that nobody set."""
-_REFUSAL_TEXTS = {
-    Reason.NO_ORIGIN: "no injection: the autopilot's EKF origin is not known",
-    Reason.NOT_FINITE: "no injection: it holds a number that is not finite",
-    Reason.BAD_INPUT: "no injection: it lies outside what may be sent, or is about another origin than the autopilot's",
-    Reason.IMPLAUSIBLE_TIME: "no injection: its time goes backwards, or lies ahead",
-    Reason.TOO_OLD: "no injection: it is too old (is the computer overloaded?)",
-    Reason.NOT_SEEDED: "no injection: the velocity that its message needs is not known",
-    Reason.OUTSIDE_MAP: "no injection: it lies further outside the map than injection.max_outside_map_m allows",
-}
 
 
 class PositionSender:
-    """Chooses the output for the autopilot at hand and encodes injections; `refused` counts by reason what was not sent.
+    """Chooses the output for the autopilot at hand and encodes injections; `refusals` are those that were not sent.
 
-    Each reason is told of once, and so is each choice: what is sent with the first position, what cannot be at once.
+    Each choice is told of once: what is sent with the first position, what cannot be at once.
     """
 
     def __init__(
         self, settings: SessionSettings, outbox: Outbox, warn: Callable[[str], None], say: Callable[[Notice], None]
     ) -> None:
-        self.refused: Counter[Reason] = Counter()
+        self.refusals = Refusals(warn, say)
         self._settings, self._outbox, self._warn, self._say = settings, outbox, warn, say
         self._reader = ParameterReader()
         self._gate = Gate(settings.fence, settings.max_step_m)
@@ -63,6 +54,11 @@ class PositionSender:
     def shows_use(self, source: EkfSource) -> bool:
         """Whether the autopilot's reports will tell that it uses a source (types.SourceSwitched)."""
         return source is EkfSource.GNSS or self._choice.output is not Output.EXTERNAL_POSITION_ESTIMATE
+
+    @property
+    def withheld(self) -> str:
+        """Why the positions of now are not sent, in a few words; empty where they are."""
+        return self._choice.remedy if self._choice.output is None else self.refusals.lasting
 
     @property
     def why_nothing(self) -> str:
@@ -107,10 +103,9 @@ class PositionSender:
         admitted = self._gate.judge(injection, output, link.autopilot, origin, now_ns)
         message = admitted if isinstance(admitted, Reason) else encode(output, admitted, self._vehicle, self._unix_ns(admitted))
         if isinstance(message, Reason):
-            if not self.refused[message]:
-                self._warn(_REFUSAL_TEXTS[message])
-            self.refused[message] += 1
+            self.refusals.refused(message, now_ns)
             return False
+        self.refusals.sent()
         self._tell()
         self._last_ns = injection.t_ns
         self._outbox.put(message)

@@ -70,6 +70,11 @@ class PymavlinkLink:
         return self._rounds
 
     @property
+    def withheld(self) -> str:
+        """Why positions are not sent that are to be, in a few words; empty where they are."""
+        return self.session.withheld
+
+    @property
     def dropped_events(self) -> int:
         """Events that gave way because nobody read them."""
         return self._queue.dropped

@@ -118,7 +118,12 @@ class MavlinkSession:
     @property
     def refused(self) -> Counter[Reason]:
         """How many injections were not sent, by reason."""
-        return self._sender.refused
+        return self._sender.refusals.counts
+
+    @property
+    def withheld(self) -> str:
+        """Why the positions of now are not sent, in a few words; empty where they are."""
+        return self._sender.withheld
 
     @property
     def unbelieved(self) -> Counter[Refusal]:

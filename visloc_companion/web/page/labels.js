@@ -36,7 +36,9 @@ export function labels(view) {
   badge("verdict", TONE[gnss.verdict] ?? "warn", gnss.label, gnss.says[0] ?? "");
   const level = integrity.protection_level_m;
   badge("integrity", integrity.alert ? "bad" : integrity.available ? "good" : "warn", level === null ? (position ? "no level" : "none") : `± ${metres(level)}`, integrity.says);
-  badge("sending", injection.now ? "calm" : "none", injection.now === null ? "–" : injection.now ? "SENDING" : "not sending", injection.sent === null ? "" : `${injection.sent} positions so far`);
+  const so_far = injection.sent === null ? "" : `${injection.sent} positions so far`;
+  if (injection.withheld) badge("sending", "bad", "NOT SENT", injection.withheld);
+  else badge("sending", injection.now ? "calm" : "none", injection.now === null ? "–" : injection.now ? "SENDING" : "not sending", so_far);
   place(position, integrity);
   put("fix-source", fix.source);
   put("fix-age", fix.age_s === null ? "never" : span(fix.age_s));
