@@ -24,6 +24,10 @@ from visloc_companion.types import GeoPoint
 
 MIN_SHARE_MATCHABLE = 0.5
 WORTH_SAYING = 0.01
+SPECKS = 0.01
+"""Share of the ground about a place: black pixels of an image whose nodata is 0, a pond that was left out."""
+_LOOKS = 65
+"""Along each side of that ground: a map that ends 5 % further off may count as one that does not reach so far."""
 
 
 def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, networks: Sequence[Features] = ()) -> dict[str, Any]:
@@ -93,14 +97,19 @@ def longest_without_m(points: Sequence[GeoPoint], good: NDArray[np.bool_]) -> fl
 
 
 def on_map(pack: PackMap, place: GeoPoint, margin_m: float) -> bool:
-    """Whether the map has content and height at a place, and reaches `margin_m` around it."""
+    """Whether the map has content and height at a place, and reaches `margin_m` around it: of the square that is twice as wide no
+    more than `SPECKS` may be missing."""
     if not pack.covers(place.lat_deg, place.lon_deg, -margin_m):
         return False
+    looks = _LOOKS if margin_m else 1
+    cell_m = max(pack.gsd_m, 2 * margin_m / _LOOKS)
     try:
-        patch = pack.patch(pack.to_map(place.lat_deg, place.lon_deg), (3, 3), max(pack.gsd_m, 2 * margin_m / 3), 0.0)
+        patch = pack.patch(pack.to_map(place.lat_deg, place.lon_deg), (looks, looks), cell_m, 0.0)
     except OutsideMap:
         return False
-    return bool(patch.valid.all() if margin_m else patch.valid[1, 1])
+    middle, reach = looks // 2, min(looks // 2, round(margin_m / cell_m))
+    square = slice(middle - reach, middle + reach + 1)
+    return bool(patch.valid[middle, middle] and np.mean(patch.valid[square, square]) >= 1 - SPECKS)
 
 
 def _warnings(result: dict[str, Any]) -> list[str]:

@@ -158,6 +158,19 @@ def test_route_that_leaves_the_map_fails_the_gate(tmp_path: Path, ortho: Path, v
         assert ("leaves the map at" in text) == bool(code)
 
 
+def test_a_route_along_the_edge_of_the_map_lacks_the_margin_that_is_asked_for(
+    tmp_path: Path, ortho: Path, visloc: Visloc
+) -> None:
+    """50 m from the western edge."""
+    visloc("build", "--ortho", ortho, "--out", tmp_path / "pack")
+    west, route = 500_000.0, tmp_path / "r.csv"
+    ends = [map_crs("EPSG:32633").to_geo(west + 50.0, north) for north in (5_199_910.0, 5_199_890.0)]
+    route.write_text("lat_deg,lon_deg\n" + "".join(f"{lat},{lon}\n" for lat, lon in ends))
+    for margin_m, code in ((0, 0), (40, 0), (60, 1)):
+        got, text = visloc("check", tmp_path / "pack", "--route", route, "--margin-m", margin_m)
+        assert got == code, text
+
+
 def test_ellipsoidal_heights_through_the_options(tmp_path: Path, ortho: Path, visloc: Visloc) -> None:
     dsm = write(tmp_path / "dsm.tif", np.full((200, 200), 300, np.float32))
     command = ("build", "--ortho", ortho, "--dsm", dsm, "--out", tmp_path / "pack", "--vertical-datum", "ellipsoidal")

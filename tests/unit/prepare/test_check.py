@@ -10,7 +10,7 @@ from visloc_companion.errors import MapError
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
-from visloc_companion.prepare.check import check_pack
+from visloc_companion.prepare.check import check_pack, on_map
 from visloc_companion.prepare.matchability import matchability
 from visloc_companion.prepare.route import Route, along, read_route
 from visloc_companion.types import GeoPoint
@@ -114,6 +114,36 @@ def test_routes_on_and_off_the_map(lake: PackMap, tmp_path: Path) -> None:
     (tmp_path / "twice.csv").write_text("lat_deg,lat_deg,lon_deg\n47,48,8\n")
     with pytest.raises(MapError, match=r"twice\.csv: is no route: its first line names lat_deg more than once"):
         check_pack(lake, tmp_path / "twice.csv")
+
+
+@pytest.mark.parametrize(
+    ("ends_m", "margins_that_it_reaches"), [(60.0, (20, 50)), (180.0, (20, 50, 100, 170)), (240.0, (20, 50, 100, 170, 220))]
+)
+def test_a_map_that_ends_within_its_own_rectangle_does_not_reach_further(
+    tmp_path: Path, write_raster, ends_m: float, margins_that_it_reaches: tuple[int, ...]
+) -> None:
+    """As orthomosaics of a survey do, whose corners are empty: one that ended 180 m off reached 250 m."""
+    image = textured(600, 600)
+    image[:, 300 + int(ends_m) :] = 0
+    write_raster(tmp_path / "a.tif", image, UTM, PLACE, 1.0, nodata=0)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    middle = place(pack, -200.0, 200.0)
+    assert tuple(m for m in (20, 50, 100, 170, 220, 250, 280) if on_map(pack, middle, m)) == margins_that_it_reaches
+
+
+@pytest.mark.parametrize("margin_m", [50, 80, 150, 250])
+def test_holes_about_the_route_are_seen_and_specks_are_not(tmp_path: Path, write_raster, margin_m: int) -> None:
+    """A hole of 60 m, 40 m away, was missed with a margin of 250 m, and found with one of 80 m."""
+    image = textured(600, 600)
+    image[::53, ::59] = 0
+    write_raster(tmp_path / "specks.tif", image, UTM, PLACE, 1.0, nodata=0)
+    image[270:330, 340:400] = 0
+    write_raster(tmp_path / "hole.tif", image, UTM, PLACE, 1.0, nodata=0)
+    for name, reaches in (("specks", True), ("hole", False)):
+        build_pack([tmp_path / f"{name}.tif"], None, tmp_path / name)
+        pack = PackMap.open(tmp_path / name)
+        assert on_map(pack, place(pack, -200.5, 200.5), margin_m) is reaches
 
 
 def test_margin_around_the_route(lake: PackMap, tmp_path: Path) -> None:
