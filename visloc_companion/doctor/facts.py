@@ -92,7 +92,8 @@ class MapFacts:
     """The map pack. `problem` says why it could not be used; then the rest is empty.
 
     Margins are the distances in metres from a place to the nearest edge of the map, negative outside; None where there is no
-    such place. `height_above_surface_m` is the height of home above the map's surface there. `crs_accuracy_m` is what is stated
+    such place. `home_empty`: the map shows nothing there; `mission_empty` is the share of the way over such ground.
+    `height_above_surface_m` is the height of home above the map's surface there. `crs_accuracy_m` is what is stated
     of the relation of the map's CRS to WGS 84, None where nothing is. `signed_by` is the fingerprint of the trusted key
     that signed it, `signature_problem` why none of those that are trusted did; both are empty where none is.
     """
@@ -109,6 +110,8 @@ class MapFacts:
     crs_accuracy_m: float | None = 0.0
     signed_by: str = ""
     signature_problem: str = ""
+    home_empty: bool = False
+    mission_empty: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

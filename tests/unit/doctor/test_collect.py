@@ -193,6 +193,29 @@ def test_a_pack_is_held_against_home_and_mission(tiny_world: Any) -> None:
     assert (alone.home_margin_m, alone.mission_margin_m, alone.features_missing) == (None, None, "")
 
 
+def test_home_and_mission_over_an_empty_corner_are_told(tmp_path: Path, write_raster: Any) -> None:
+    """Within the pack's rectangle, where an orthomosaic shows nothing: both rules were green."""
+    image = np.random.default_rng(1).integers(1, 255, (600, 600)).astype(np.uint8)
+    image[:300, 300:] = 0
+    write_raster(tmp_path / "a.tif", image, "EPSG:32633", (47.0, 15.3), 1.0, nodata=0)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    box = pack.manifest.bounds
+
+    def at(east_m: float, south_m: float) -> GeoPoint:
+        return GeoPoint(*pack.to_geo(box.west_map_m + east_m, box.north_map_m - south_m), 0.0)
+
+    link = good_facts(AutopilotKind.PX4).link
+    config = parse_config({"map": {"pack": str(tmp_path / "pack")}})
+    west, south_east, corner = at(150.0, 150.0), at(450.0, 450.0), at(450.0, 150.0)
+    told = read_map(config, replace(link, home=corner, mission=(west, corner, south_east)), None)
+    assert told.home_margin_m > 100.0 and told.mission_margin_m > 100.0, "inside the rectangle"
+    assert told.home_empty
+    assert told.mission_empty == pytest.approx(0.5, abs=0.1)
+    fine = read_map(config, replace(link, home=west, mission=(west, at(150.0, 450.0), south_east)), None)
+    assert (fine.home_empty, fine.mission_empty) == (False, 0.0)
+
+
 def test_how_well_a_pack_is_tied_to_wgs_84_is_told(tmp_path: Path, tiny_world: Any, write_raster: Any) -> None:
     image = np.random.default_rng(1).integers(1, 255, (100, 100)).astype(np.uint8)
     write_raster(tmp_path / "a.tif", image, "EPSG:26717", (36.0, -80.0), 1.0)

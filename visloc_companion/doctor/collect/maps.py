@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from visloc_companion.app.ground_check import Ground, look
 from visloc_companion.config import Config
 from visloc_companion.doctor.facts import LinkFacts, MapFacts
 from visloc_companion.errors import VislocError
+from visloc_companion.geo.wgs84 import distance_m, geo_from_ned, ned_from_geo
 from visloc_companion.maps.manifest import manifest_bytes
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.registration import pack_accuracy_m
 from visloc_companion.maps.signature import public_keys, require_signed
 from visloc_companion.types import GeoPoint
+
+_STEP_PX, _MOST_STEPS = 32, 2000
+"""Of a leg of a mission: half a cell of `visloc map check`, and no more however long a wrong leg is."""
 
 
 def read_map(config: Config, link: LinkFacts | None, network: tuple[str, str] | None) -> MapFacts | None:
@@ -35,6 +40,8 @@ def read_map(config: Config, link: LinkFacts | None, network: tuple[str, str] | 
         share_valid=manifest.share_valid,
         home_margin_m=None if home is None else margin_m(pack, [home]),
         mission_margin_m=margin_m(pack, mission) if mission else None,
+        home_empty=home is not None and empty_share(pack, [home]) > 0.0,
+        mission_empty=empty_share(pack, mission) if mission else 0.0,
         height_above_surface_m=None if home is None else _above_surface(pack, home),
         features_missing="" if network is None else pack.why_not_stored(*network),
         crs_accuracy_m=pack_accuracy_m(pack),
@@ -67,6 +74,24 @@ def _margin_m(pack: PackMap, place: GeoPoint) -> float:
     box = pack.manifest.bounds
     edges = (easting - box.west_map_m, box.east_map_m - easting, northing - box.south_map_m, box.north_map_m - northing)
     return min(edges) / scale
+
+
+def empty_share(pack: PackMap, places: Sequence[GeoPoint]) -> float:
+    """Share of a way, from place to place, over ground of which the pack shows nothing: beside it, empty corners, holes."""
+    way = list(places[:1])
+    for start, end in pairwise(places):
+        n = min(_MOST_STEPS, max(1, math.ceil(distance_m(end, start) / (_STEP_PX * pack.gsd_m))))
+        north, east, down = ned_from_geo(end, start)
+        way += [geo_from_ned((north * k / n, east * k / n, down * k / n), start) for k in range(1, n + 1)]
+    return sum(not _shows(pack, place) for place in way) / len(way)
+
+
+def _shows(pack: PackMap, place: GeoPoint) -> bool:
+    try:
+        patch = pack.patch(pack.to_map(place.lat_deg, place.lon_deg), (1, 1), pack.gsd_m, 0.0)
+    except VislocError:
+        return False
+    return bool(patch.valid[0, 0])
 
 
 def _above_surface(pack: PackMap, home: GeoPoint) -> float | None:

@@ -13,6 +13,7 @@ from visloc_companion.maps.registration import GOOD_M
 
 Judge = Callable[[MapFacts, Facts], Finding]
 MARGIN_M, OLD_YEARS, GRAVE_HEIGHT_M, ODD_HEIGHT_M = 150.0, 5.0, 30.0, 10.0
+MUCH_EMPTY = 0.05
 COARSE_M, LEAST_VALID = 2.0, 0.9
 
 
@@ -51,7 +52,7 @@ def _signature(found: MapFacts, facts: Facts) -> Finding:
 
 @map_rule(
     "map-covers-home",
-    "HOME_POSITION, the pack's rectangle",
+    "HOME_POSITION, the pack's rectangle and its empty parts",
     "Outside the map there are no fixes.",
     "build a map that reaches further, or fly where it lies (visloc map info)",
 )
@@ -64,12 +65,14 @@ def _home(found: MapFacts, facts: Facts) -> Finding:
     )
     if found.home_margin_m < 0:
         return red(read)
+    if found.home_empty:
+        return red("home is where the map is empty")
     return green(read) if found.home_margin_m >= MARGIN_M else amber(read)
 
 
 @map_rule(
     "map-covers-mission",
-    "the mission in the autopilot, the pack's rectangle",
+    "the mission in the autopilot, the pack's rectangle and its empty parts",
     "A way that leaves the map, or runs along its edge, is flown without fixes.",
     "visloc map check PACK --route mission.plan --margin-m 150, and a larger map or another mission",
 )
@@ -81,6 +84,9 @@ def _mission(found: MapFacts, facts: Facts) -> Finding:
     read = f"the nearest place is {abs(margin_m):.0f} m " + ("inside" if margin_m >= 0 else "outside") + " the map's edge"
     if margin_m < 0:
         return red(read)
+    if found.mission_empty > 0:
+        read = f"{found.mission_empty:.1%} of the way is where the map is empty"
+        return red(read) if found.mission_empty >= MUCH_EMPTY else amber(read)
     return green(read) if margin_m >= MARGIN_M else amber(read)
 
 
