@@ -20,6 +20,7 @@ _SPKI_HEAD = bytes.fromhex("302a300506032b6570032100")
 """What stands before the 32 bytes of an Ed25519 key in its SubjectPublicKeyInfo (RFC 8410, 4)."""
 SHORT = 16
 """Digits of a fingerprint that messages name: 64 bits."""
+_BEGIN = b"-----BEGIN "
 _MAKE = "visloc map key --out NAME"
 
 
@@ -88,6 +89,8 @@ def read_public_pem(pem: bytes, where: str) -> PublicKey:
     if b"PRIVATE KEY" in pem:
         remedy = "name the .pub file, and keep the .key off every aircraft: make new ones if it was on one"
         raise ConfigError("holds a private key, where the public one belongs", where=where, remedy=remedy)
+    if pem.count(_BEGIN) > 1:  # the first alone would count, and whoever withdrew it would not know
+        raise ConfigError("holds more than one key", where=where, remedy="give each a file of its own, and name them all")
     try:
         key = load_pem_public_key(pem)
     except (ValueError, TypeError, UnsupportedAlgorithm) as why:

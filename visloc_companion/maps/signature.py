@@ -19,7 +19,8 @@ from visloc_companion.errors import ConfigError, SignatureInvalid
 from visloc_companion.maps.ed25519 import MAX_PEM_BYTES, SHORT, PublicKey, read_public_pem
 from visloc_companion.maps.manifest import MANIFEST, Manifest, manifest_bytes, parsed_manifest
 
-SIGNATURE = "manifest.sig"
+SIGNATURE, SIGNATURE_DRAFT = "manifest.sig", ".manifest.sig.part"
+"""The second is what a signing that was killed leaves (whole_file.write_whole)."""
 _FORM = re.compile(rb"visloc-map-signature 1\nkey ([0-9a-f]{64})\nsignature ([A-Za-z0-9+/]{86}==)\n")
 _MAX_BYTES = 1024
 _COPY = "copy the pack again from where it was signed; or find out what was changed and by whom before you sign it again"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from visloc_companion.errors import MapError
 from visloc_companion.maps.manifest import DIGEST, MANIFEST, is_manifest
-from visloc_companion.maps.signature import SIGNATURE
+from visloc_companion.maps.signature import SIGNATURE, SIGNATURE_DRAFT
 
 MOUNTS = Path("/proc/self/mountinfo")
 
@@ -67,5 +67,5 @@ def _unescaped(octal: re.Match[bytes]) -> bytes:
 def _foreign_files(folder: Path) -> list[str]:
     """Names of what lies in the folder of a pack of any version without being part of it."""
     listed = json.loads((folder / MANIFEST).read_bytes()).get("files")
-    own = {MANIFEST, DIGEST, SIGNATURE, *(listed if isinstance(listed, dict) else ())}
+    own = {MANIFEST, DIGEST, SIGNATURE, SIGNATURE_DRAFT, *(listed if isinstance(listed, dict) else ())}
     return sorted(path.name for path in folder.iterdir() if path.name not in own)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,6 +55,8 @@ def make_keys(out: Path, passphrase_file: Path | None = None) -> KeyPair:
 
     With a file of a passphrase the private key is encrypted with it. Raises ConfigError.
     """
+    if out.name in ("", ".."):
+        raise ConfigError("names no file", where=f"--out {out}", remedy=f"say what the files are to be called: {_MADE_BY}")
     passphrase = _passphrase(passphrase_file)
     private, public = (out.with_name(f"{out.name}{suffix}") for suffix in (".key", ".pub"))
     if public.exists():
@@ -71,6 +74,9 @@ def make_keys(out: Path, passphrase_file: Path | None = None) -> KeyPair:
 
 def open_signer(key_file: Path, passphrase_file: Path | None = None) -> Signer:
     """Who signs with a private key. Raises ConfigError for a file that others may read, or that holds no Ed25519 key."""
+    if _is_public(key_file):  # before its rights are: they are right for a public one
+        what = "holds no private key, but the public one"
+        raise ConfigError(what, where=str(key_file), remedy=f"name the .key file that `{_MADE_BY}` made")
     pem = read_private(key_file, str(key_file), _MADE_BY, MAX_PEM_BYTES)
     return Signer(read_private_pem(pem, _passphrase(passphrase_file), str(key_file)))
 
@@ -83,6 +89,12 @@ def sign_pack(folder: Path, signer: Signer, progress: Callable[[str, int], None]
     raw = manifest_bytes(folder)
     verify_files(folder, parsed_manifest(raw, folder), progress=progress)
     signer.sign(raw, folder)
+
+
+def _is_public(file: Path) -> bool:
+    with suppress(OSError):
+        return file.is_file() and b"-----BEGIN PUBLIC KEY-----" in file.read_bytes()[:MAX_PEM_BYTES]
+    return False
 
 
 def _passphrase(file: Path | None) -> bytes:
