@@ -44,6 +44,7 @@ def calibrate(
     from visloc_companion.prepare.lens.board import parse_board
     from visloc_companion.prepare.lens.document import document, lines, short_line
     from visloc_companion.prepare.lens.limits import shortcomings
+    from visloc_companion.prepare.lens.pictures import listed
 
     sheet = parse_board(board)
     if print_board is not None:
@@ -53,10 +54,11 @@ def calibrate(
         raise ConfigError(
             "no pictures are named", where="calibrate", remedy="name pictures of the board, a folder of them, or a video"
         )
-    require_folder(out, "--out", *pictures)
-    require_folder(json_file, "--json", *pictures, out)
-    require_folder(report, "--report", *pictures, out, json_file)
-    found = _calibrated(pictures, sheet, model, every)
+    files = listed(pictures)
+    require_folder(out, "--out", *files)
+    require_folder(json_file, "--json", *files, out)
+    require_folder(report, "--report", *files, out, json_file)
+    found = _calibrated(files, sheet, model, every)
     toml = _toml(found)
     try:
         for line in lines(found):
@@ -77,13 +79,11 @@ def calibrate(
     raise typer.Exit(1 if short else 0)
 
 
-def _calibrated(paths: list[Path], board: Board, model: str, every: int | None) -> Calibration:
+def _calibrated(files: list[Path], board: Board, model: str, every: int | None) -> Calibration:
     from visloc_companion.cli.progress import bar
     from visloc_companion.prepare.lens.calibrate import calibrate as calibrated
     from visloc_companion.prepare.lens.choose import MODELS
-    from visloc_companion.prepare.lens.pictures import listed, pictures_of
-
-    files = listed(paths)
+    from visloc_companion.prepare.lens.pictures import pictures_of
 
     def all_of_them() -> Iterator[Picture]:
         with bar("looking for the board", len(files)) as advance:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -48,22 +48,38 @@ def detector(board: Board) -> Callable[[Image], Corners]:
 
 
 def what_else(board: Board, pictures: list[Image]) -> str:
-    """What is seen in grey pictures in which the board is not: the same mirrored, another dictionary, another layout; empty where
-    nothing is."""
+    """What is seen in grey pictures in which the board is not: the same mirrored, another dictionary, another layout, the other
+    kind of board; empty where nothing is."""
     if board.kind == "chessboard":
-        return ""
+        return _instead_of_chessboard(board, pictures)
     mirrored = [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures]
     find = detector(board)
     if any(len(find(picture).ids) >= LEAST_CORNERS for picture in mirrored):
         return "pictures are mirrored: switch off the flip of the camera's driver"
     for name in (board.dictionary, *_FAMILIES):
-        markers = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}")))
-        if (most := max((_count(markers.detectMarkers(picture)[1]) for picture in pictures), default=0)) < _LEAST_MARKERS:
+        if (most := _most_markers(name, pictures)) < _LEAST_MARKERS:
             continue
         if name == board.dictionary:
             return f"{most} of its markers are seen, but not where they should be: check COLUMNSxROWS, which count squares"
         return f"{most} markers of dictionary {name} are seen, not of {board.dictionary}: name it in --board"
     return ""
+
+
+def _instead_of_chessboard(board: Board, pictures: list[Image]) -> str:
+    across, down = board.inner
+    if min(across, down) > 3:
+        fewer = replace(board, columns=board.columns - 1, rows=board.rows - 1)
+        if any(len(_of_chessboard(picture, fewer).ids) for picture in pictures):
+            return f"{across - 1}x{down - 1} inner corners are seen, of {across}x{down} squares: name --board {fewer.name}"
+    for name in _FAMILIES:
+        if (most := _most_markers(name, pictures)) >= _LEAST_MARKERS:
+            return f"{most} markers of dictionary {name} are seen: name the ChArUco board that they are of in --board"
+    return ""
+
+
+def _most_markers(dictionary: str, pictures: list[Image]) -> int:
+    markers = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}")))
+    return max((_count(markers.detectMarkers(picture)[1]) for picture in pictures), default=0)
 
 
 def _count(ids: NDArray[Any] | None) -> int:

@@ -15,6 +15,8 @@ from visloc_companion.types import Image
 
 IMAGES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"))
 VIDEOS = frozenset((".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".ts", ".mjpeg"))
+UNREADABLE = frozenset((".heic", ".heif"))
+"""Pictures that telephones take: to be told, not passed over."""
 PICTURES_A_SECOND = 2.0
 """Of a video, where nobody says which: between two the board has moved."""
 
@@ -33,9 +35,11 @@ def listed(paths: Sequence[Path]) -> list[Path]:
     for path in paths:
         try:
             if path.is_dir():
-                inside = sorted(file for file in path.iterdir() if file.suffix.lower() in IMAGES | VIDEOS and file.is_file())
+                inside = _pictures_in(path)
                 if not inside:
-                    raise CameraError("holds no picture and no video", where=str(path), remedy="name a folder with pictures")
+                    below = next((str(each) for each in sorted(path.iterdir()) if each.is_dir() and _pictures_in(each)), "")
+                    remedy = f"name the folder in it that does: {below}" if below else "name a folder with pictures"
+                    raise CameraError("holds no picture and no video", where=str(path), remedy=remedy)
                 files += inside
             elif path.is_file():
                 files.append(path)
@@ -44,6 +48,11 @@ def listed(paths: Sequence[Path]) -> list[Path]:
         except OSError as why:
             raise CameraError(f"cannot be read: {why.strerror}", where=str(path), remedy="check that you may read it") from why
     return files
+
+
+def _pictures_in(folder: Path) -> list[Path]:
+    known = IMAGES | VIDEOS | UNREADABLE
+    return sorted(file for file in folder.iterdir() if file.suffix.lower() in known and file.is_file())
 
 
 def pictures_of(file: Path, every: int | None) -> Iterator[Picture]:
