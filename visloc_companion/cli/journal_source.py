@@ -85,7 +85,10 @@ class JournalSource:
         if commands["identical"] is False and self.result["flown_with"]:
             others = (f"{name} {flown} (here {self.here[name]})" for name, flown in self.result["flown_with"].items())
             words += f" It was flown with {', '.join(others)}."
-        return [words, *(f"Damaged: {damage}." for damage in self.result["damages"])]
+        notes = [words, *(f"Damaged: {damage}." for damage in self.result["damages"])]
+        if self.reference is not None:
+            notes.append("The map is for the report's picture alone, the fixes are the flight's: --rerun localises frames anew.")
+        return notes
 
     def _outcome(self) -> str:
         commands = self.result["commands"]

@@ -265,6 +265,13 @@ def test_a_journal_is_compared_command_by_command(tmp_path: Path) -> None:
     assert json.loads(figures.read_text())["commands"]["identical"] is True
 
 
+def test_a_map_beside_a_journal_is_said_to_change_nothing(tmp_path: Path, tiny_world: Any) -> None:
+    """Who gave another map read that all commands are the flight's, as if it made no difference."""
+    code, text = run(journal(tmp_path / "a.mcap"), "--map", tiny_world.pack)
+    assert code == 0
+    assert "the fixes are the flight's: --rerun localises frames anew" in text
+
+
 def test_a_journal_that_differs_says_where(tmp_path: Path) -> None:
     figures = tmp_path / "figures.json"
     code, text = run(journal(tmp_path / "a.mcap", tamper=True), "--json", figures)
