@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.errors import CameraError
+from visloc_companion.prepare.lens.agree import Scatter, scatter
 from visloc_companion.prepare.lens.board import Board
 from visloc_companion.prepare.lens.choose import MODELS, Candidate, candidates, chosen
 from visloc_companion.prepare.lens.coverage import Coverage, coverage
@@ -30,7 +31,7 @@ OUTLYING, OUTLYING_PX, MOST_OUTLYING = 3.0, 0.25, 0.2
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
     """`lens` is that of `candidate`, one of `judged`, on `views`; `covariance` as sure.covariance has it, `sheet`
-    what the views tell of the sheet they show."""
+    what the views tell of the sheet they show, `scatter` whether they agree on one lens."""
 
     board: Board
     looked: Looked
@@ -42,6 +43,7 @@ class Calibration:
     lens: Lens
     covariance: FloatArray
     sheet: Warp
+    scatter: Scatter
 
     @property
     def sigmas(self) -> dict[str, float]:
@@ -104,9 +106,8 @@ def calibrate(
         why = "; ".join(f"{each.kind}: {each.why_not}" for each in judged)
         raise CameraError(f"no model fits: {why}", where=f"{len(views)} views", remedy=_MORE)
     lens = candidate.lens
-    return Calibration(
-        board, looked, views, outlying, strays, judged, candidate, lens, covariance(lens, views), warp(lens, views, board)
-    )
+    told = covariance(lens, views), warp(lens, views, board), scatter(lens, views)
+    return Calibration(board, looked, views, outlying, strays, judged, candidate, lens, *told)
 
 
 _MORE = "take about 25 pictures, the board tilted by 30 to 45° to all sides, some of them close, and some in every corner"

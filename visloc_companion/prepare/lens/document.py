@@ -10,7 +10,7 @@ from typing import Any
 from visloc_companion.geo.pinhole_view import field_of_view_deg, inner_reach
 from visloc_companion.prepare.lens.calibrate import Calibration
 from visloc_companion.prepare.lens.choose import Candidate
-from visloc_companion.prepare.lens.limits import Shortcoming, rms_limit_px, sheet_words, shortcomings
+from visloc_companion.prepare.lens.limits import Shortcoming, rms_limit_px, scatter_words, sheet_words, shortcomings
 from visloc_companion.prepare.lens.section import section
 
 
@@ -42,6 +42,7 @@ def document(of: Calibration) -> dict[str, Any]:
             "focal_share": of.sheet.focal_share,
             "sure": of.sheet.sure,
         },
+        "between_views": {"focal_share": of.scatter.focal_share, "centre_px": of.scatter.centre_px},
         "coverage": {"cells": cov.counts.tolist(), "share": cov.share, "empty_corners": cov.empty_corners},
         "good": not shortcomings(of),
         "shortcomings": [{"what": each.what, "remedy": each.remedy} for each in shortcomings(of)],
@@ -50,7 +51,7 @@ def document(of: Calibration) -> dict[str, Any]:
 
 def left_out_words(of: Calibration) -> dict[str, str]:
     """Why each of the pictures that were not used was not."""
-    why = "contradicts the others, {:.2f} px off: it was moving, or the sheet was bent"
+    why = "contradicts the others, {:.2f} px off: it was moving, the sheet was bent, or the lens was another"
     return of.looked.left_out | {name: why.format(error_px) for name, error_px in of.outlying.items()}
 
 
@@ -72,6 +73,8 @@ def lines(of: Calibration) -> Iterator[str]:
         yield f"the sheet is {sheet_words(of.sheet)}, and the focal length {100 * of.sheet.focal_share:.2f} % off for it"
     else:
         yield "the sheet is flat and alike across and down, as far as the views tell"
+    if max(of.scatter.focal_share, of.scatter.centre_px) > 0:
+        yield f"views differ by more than their corners err: {scatter_words(of)}"
     across, down = field_of_view_deg(model)
     yield f"field of view {across:.1f} x {down:.1f}°"
     cov = of.coverage

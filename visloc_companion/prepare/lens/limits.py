@@ -8,8 +8,8 @@ from visloc_companion.prepare.lens.calibrate import Calibration
 from visloc_companion.prepare.lens.flat import Warp
 
 FOCAL_SHARE = 0.005
-"""1-sigma of the focal length, and its error for a sheet that is not flat: half a percent of every height, as in the error budget
-(docs/error-budget.md)."""
+"""1-sigma of the focal length, its error for a sheet that is not flat, and its 1-sigma between views: half a percent of every
+height, as in the error budget (docs/error-budget.md). The principal point may differ by as much of the focal length."""
 RMS_SHARE, RMS_PX = 0.0005, 0.5
 """Error of the views held out: a share of the picture's width, and what is allowed of small pictures."""
 
@@ -35,6 +35,17 @@ def sheet_words(sheet: Warp) -> str:
     return " and ".join(words for words, counts in told if counts) or "not quite flat"
 
 
+def scatter_words(of: Calibration) -> str:
+    """By how much views differ."""
+    focal, centre = (f"{100 * share:.1f} %" for share in _scatter_shares(of))
+    return f"1-sigma {focal} between their focal lengths, {of.scatter.centre_px:.1f} px ({centre}) between their principal points"
+
+
+def _scatter_shares(of: Calibration) -> tuple[float, float]:
+    """Of the focal length: the scatter of that itself, and of the principal point."""
+    return of.scatter.focal_share, of.scatter.centre_px / of.lens.model.fx_px
+
+
 def shortcomings(of: Calibration) -> list[Shortcoming]:
     """What the calibration does not meet; empty where it is good."""
     found = []
@@ -44,6 +55,14 @@ def shortcomings(of: Calibration) -> list[Shortcoming]:
                 f"the sheet is {sheet_words(of.sheet)}: the focal length is {100 * of.sheet.focal_share:.1f} % off for it, "
                 f"at most {100 * FOCAL_SHARE:g} % may be",
                 "lay it on something flat (glass, a door) and measure both rulers; print it again where they differ",
+            )
+        )
+    elif max(_scatter_shares(of)) > FOCAL_SHARE:
+        found.append(
+            Shortcoming(
+                f"the views contradict each other: {scatter_words(of)}, at most {100 * FOCAL_SHARE:g} % may be",
+                "one camera, focus and zoom locked, stabilisation off, no picture cropped or turned round, camera and board "
+                "still (a rolling shutter bends what moves), the sheet flat",
             )
         )
     elif not of.focal_share <= FOCAL_SHARE:
