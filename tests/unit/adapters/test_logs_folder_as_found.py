@@ -14,8 +14,9 @@ from tests.unit.adapters.test_camera_sources import Slots as KeptSlots
 from tests.unit.adapters.test_logs_dataflash import MODERN, boot, message
 from tests.unit.adapters.test_logs_folder import LENS, UNIX_US, make_video, pictures, telemetry
 from visloc_companion.adapters.camera.files import FilesCamera
+from visloc_companion.adapters.camera.table import stamped_by_autopilot
 from visloc_companion.adapters.logs.folder import open_folder
-from visloc_companion.errors import CameraError, LogError
+from visloc_companion.errors import CameraError, ConfigError, LogError
 
 
 @pytest.fixture
@@ -169,3 +170,32 @@ def test_a_table_that_the_power_was_cut_from_is_read_up_to_there(found: Path, ta
     truth.write_text("t_us,lat_deg,lon_deg,h_amsl_m\n" + rows.rstrip("\n"))
     table.write_text(listed.rstrip("\n"))
     assert not open_folder(found).notes, "a last row without its end is whole"
+
+
+@pytest.mark.parametrize("after", [False, True])
+def test_a_calibration_is_a_camera_file(found: Path, after: bool) -> None:
+    """What `visloc calibrate --out camera.toml` writes, with a time base above it or below, was an unknown key."""
+    base, section = 'time_base = "autopilot_boot"\n', f"# visloc calibrate\n[camera]\n{LENS}"
+    (found / "camera.toml").write_text(section + base if after else base + section)
+    opened = open_folder(found)
+    assert opened.camera is not None
+    assert (opened.camera.width_px, opened.camera.fx_px) == (64, 50.0)
+    assert opened.boot_from_file_ns == 0
+    assert stamped_by_autopilot(found)
+
+
+def test_a_key_above_a_section_and_in_it_is_refused(found: Path) -> None:
+    (found / "camera.toml").write_text(f"fx_px = 51.0\n[camera]\n{LENS}")
+    with pytest.raises(ConfigError, match="camera: unknown key"):
+        open_folder(found)
+
+
+def test_a_video_that_is_cut_off_is_not_told_by_its_rows(found: Path) -> None:
+    """AVI has its index at the end: it has no frames then, and rows were to be taken off."""
+    make_video(found)
+    rows = "".join(f"{60_000_000 + 100_000 * k}\n" for k in range(6))
+    (found / "frames.csv").write_text("t_us\n" + rows)
+    data = (found / "video.avi").read_bytes()
+    (found / "video.avi").write_bytes(data[: len(data) * 2 // 3])
+    with pytest.raises(LogError, match=r"video\.avi: cannot be decoded as a video"):
+        open_folder(found)

@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from visloc_companion.adapters.camera.video_stamps import frame_count
 from visloc_companion.adapters.table import ErrorKind, read_table, refuse
@@ -70,6 +71,8 @@ def times_of_video(table: Path, video: Path, kind: ErrorKind = CameraError) -> t
             remedy="leave either the video or the image files, with their table, in the folder",
         )
     n_frames = frame_count(video, len(rows))
+    if not n_frames:
+        raise kind("cannot be decoded as a video", where=str(video), remedy="convert it to MP4 with H.264")
     if n_frames != len(rows):
         raise kind(f"has {len(rows)} rows, {video.name} {n_frames} frames", where=str(table), remedy=_A_ROW_EACH)
     return tuple(times_us)
@@ -82,6 +85,16 @@ def _time_us(table: Path, number: int, row: dict[str, str], kind: ErrorKind) -> 
         raise refuse(table, number, "t_us", "has no whole number of microseconds", "write microseconds", kind) from why
 
 
+def unheaded(settings: dict[str, Any]) -> dict[str, Any]:
+    """The keys of a camera.toml. One that stands under [camera], as `visloc calibrate --out` writes it, holds what it would hold
+    without; what is said at both places stays as it is, for the caller to refuse."""
+    section = settings.get("camera")
+    rest = {key: value for key, value in settings.items() if key != "camera"}
+    if not isinstance(section, dict) or section.keys() & rest.keys():
+        return settings
+    return rest | section
+
+
 def stamped_by_autopilot(folder: Path) -> bool:
     """Whether `camera.toml` beside the frames says `time_base = "autopilot_boot"`.
 
@@ -92,7 +105,7 @@ def stamped_by_autopilot(folder: Path) -> bool:
     if not path.exists():
         return False
     try:
-        settings = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        settings = unheaded(tomllib.loads(path.read_text(encoding="utf-8-sig")))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as why:
         raise CameraError(f"cannot be read: {why}", where=str(path), remedy="correct the TOML file") from why
     base = settings.get("time_base")

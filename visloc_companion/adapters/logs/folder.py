@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from visloc_companion.adapters.camera.table import TIME_BASES, require_name
+from visloc_companion.adapters.camera.table import TIME_BASES, require_name, unheaded
 from visloc_companion.adapters.logs.frames import FrameSource, files_named, notes_on, open_frames
 from visloc_companion.adapters.logs.open import LOG_SUFFIXES, open_log
 from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Recording
@@ -194,7 +194,7 @@ def _camera_toml(path: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return unheaded(tomllib.loads(path.read_text(encoding="utf-8-sig")))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as why:
         raise ConfigError(f"cannot be read: {why}", where=str(path), remedy="correct the TOML") from why
 
