@@ -83,13 +83,13 @@ def _calibrated(files: list[Path], board: Board, model: str, every: int | None) 
     from visloc_companion.cli.progress import bar
     from visloc_companion.prepare.lens.calibrate import calibrate as calibrated
     from visloc_companion.prepare.lens.choose import MODELS
-    from visloc_companion.prepare.lens.pictures import pictures_of
+    from visloc_companion.prepare.lens.pictures import names_of, pictures_of
 
     def all_of_them() -> Iterator[Picture]:
         with bar("looking for the board", len(files)) as advance:
-            for k, file in enumerate(files):
-                yield from pictures_of(file, every)
-                advance(k + 1)
+            for k, (file, name) in enumerate(zip(files, names_of(files), strict=True), start=1):
+                yield from pictures_of(file, every, name)
+                advance(k)
 
     kinds = MODELS if model == "auto" else tuple(kind for kind in MODELS if kind == model)
     return calibrated(all_of_them(), board, kinds, lambda kind: typer.echo(f"fitting {kind}", err=True))

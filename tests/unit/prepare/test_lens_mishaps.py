@@ -14,7 +14,9 @@ from visloc_companion.errors import CameraError, ConfigError
 from visloc_companion.prepare.defaults import DEFAULT_BOARD
 from visloc_companion.prepare.lens.board import parse_board
 from visloc_companion.prepare.lens.look import look_at
-from visloc_companion.prepare.lens.pictures import Picture, listed
+from visloc_companion.prepare.lens.pictures import Picture, listed, names_of, pictures_of
+
+BOARD = parse_board(DEFAULT_BOARD)
 
 
 def shots(board: str, n: int) -> list[Picture]:
@@ -64,3 +66,22 @@ def test_no_picture_is_written_over(tmp_path: Path, option: str) -> None:
     with pytest.raises(ConfigError, match=rf"a\.png: is named twice, and would be overwritten.*{option}"):
         module.app(["calibrate", str(tmp_path), option, str(tmp_path / "a.png")], standalone_mode=False)
     assert (tmp_path / "a.png").read_bytes() == content
+
+
+def test_pictures_of_two_cards_are_told_apart(tmp_path: Path) -> None:
+    """Two of one name were told as one, and one was "the same view as" itself."""
+    rng, take = np.random.default_rng(9), Photographer(BROWN, BOARD)
+    files = []
+    for k, pose in enumerate(poses(BROWN, BOARD, 5, rng)):
+        shot = take(pose, rng)
+        files += [tmp_path / "a" / f"{k}.png", tmp_path / "b" / f"{k}.png"]
+        for file in files[-2:]:
+            file.parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(files[-2]), shot)
+        cv2.imwrite(str(files[-1]), cv2.GaussianBlur(shot, (0, 0), 2.5) if k == 0 else np.full((480, 640), 90, np.uint8))
+    twice = listed([tmp_path / "a", files[0], tmp_path / "b"])
+    assert sorted(twice) == sorted(files)
+    found = look_at([p for file, name in zip(twice, names_of(twice), strict=True) for p in pictures_of(file, None, name)], BOARD)
+    assert [view.name for view in found.views] == [str(file) for file in files[::2]]
+    assert set(found.left_out) == {str(file) for file in files[1::2]}
+    assert names_of([Path("a/x.png"), Path("a/y.png")]) == ["x.png", "y.png"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,7 +48,13 @@ def listed(paths: Sequence[Path]) -> list[Path]:
                 raise CameraError("is not there", where=str(path), remedy="name pictures, folders of pictures, or videos")
         except OSError as why:
             raise CameraError(f"cannot be read: {why.strerror}", where=str(path), remedy="check that you may read it") from why
-    return files
+    return list(dict.fromkeys(files))
+
+
+def names_of(files: Sequence[Path]) -> list[str]:
+    """What names each of several files: its name, or its path where two are called the same, as of two cards."""
+    counted = Counter(file.name for file in files)
+    return [file.name if counted[file.name] == 1 else str(file) for file in files]
 
 
 def _pictures_in(folder: Path) -> list[Path]:
@@ -55,25 +62,25 @@ def _pictures_in(folder: Path) -> list[Path]:
     return sorted(file for file in folder.iterdir() if file.suffix.lower() in known and file.is_file())
 
 
-def pictures_of(file: Path, every: int | None) -> Iterator[Picture]:
-    """The picture of an image file, or every so many frames of a video (two a second where that is not said).
+def pictures_of(file: Path, every: int | None, name: str = "") -> Iterator[Picture]:
+    """The picture of an image file, or every so many frames of a video (two a second where that is not said); `name` them so.
 
     Raises CameraError for a file that may not be read.
     """
     if file.suffix.lower() in VIDEOS:
-        yield from _frames(file, every)
+        yield from _frames(file, every, name or file.name)
         return
     try:
         pixels = decode_image(file.read_bytes(), keep_grey=True)
     except OSError as why:
         raise CameraError(f"cannot be read: {why.strerror}", where=str(file), remedy="check that you may read it") from why
-    yield Picture(file.name, None if pixels is None else _grey(pixels))
+    yield Picture(name or file.name, None if pixels is None else _grey(pixels))
 
 
-def _frames(file: Path, every: int | None) -> Iterator[Picture]:
+def _frames(file: Path, every: int | None, name: str) -> Iterator[Picture]:
     video = cv2.VideoCapture()
     if not video.open(str(file)):
-        yield Picture(file.name, None)
+        yield Picture(name, None)
         return
     as_stored(video)
     rate_hz = float(video.get(cv2.CAP_PROP_FPS))
@@ -83,12 +90,12 @@ def _frames(file: Path, every: int | None) -> Iterator[Picture]:
         while video.grab():
             if number % step == 0:
                 ok, pixels = video.retrieve()
-                yield Picture(f"{file.name} frame {number}", _grey(rgb(np.asarray(pixels))) if ok else None)
+                yield Picture(f"{name} frame {number}", _grey(rgb(np.asarray(pixels))) if ok else None)
             number += 1
     finally:
         video.release()
     if number == 0:
-        yield Picture(file.name, None)
+        yield Picture(name, None)
 
 
 def _grey(pixels: Image) -> Image:
