@@ -251,13 +251,15 @@ def _campaign(specs: list[FlightSpec], jobs: int, json_file: Path | None) -> Non
 
 
 def _line(result: dict[str, Any]) -> str:
-    error = result["error_horizontal_m"]
+    error, bad_s = result["error_horizontal_m"], result["gnss"]["detected_at_s"]
+    told = [f"error median {error['median']} max {error['max']} m"] if error["median"] is not None else []
+    told.append(f"pulled {result['pulled_m']} m")
+    if result["with_daemon"]:
+        told.append("GNSS never declared bad" if bad_s is None else f"GNSS declared bad at {bad_s} s")
     how = ", gimbal" * result["gimbal"] + ", same image" * result["same_image"]
     return (
         f"{_word(result)} {result['scenario']} {result['dialect']} {result['vehicle']} "
-        f"seed {result['seed']}{how}: "
-        f"error median {error['median']} max {error['max']} m, pulled {result['pulled_m']} m, "
-        f"GNSS declared bad at {result['gnss']['detected_at_s']} s, failsafe {result['failsafe'] or 'none'}"
+        f"seed {result['seed']}{how}: {', '.join(told)}, failsafe {result['failsafe'] or 'none'}"
     )
 
 

@@ -167,6 +167,7 @@ def test_without_the_daemon(places: list[str], tmp_path: Path) -> None:
     code, text = run("--scenario", "jam", "--without-daemon", *places, *files)
     assert code == 0
     assert "failsafe EKF Failsafe" in text
+    assert "None" not in text, "of what only the daemon has an estimate"
     result = json.loads((tmp_path / "jam.json").read_text(encoding="utf-8"))
     assert (result["with_daemon"], result["n_frames"], result["expected"]) == (False, 0, [])
     assert "NO GATE" in (tmp_path / "jam.html").read_text(encoding="utf-8")
