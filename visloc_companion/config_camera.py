@@ -25,7 +25,7 @@ class CameraConfig(Section):
     url: str = ""
     """`files:FOLDER` (with frames.csv), `video:FILE`, `device:/dev/video0` or `tcp:HOST:PORT` (length-prefixed frames)."""
     width_px: Annotated[int, Field(ge=64, le=10000)] = 640
-    """Width of the calibrated image; frames of another size are refused."""
+    """Width of the calibrated image; frames of another size are refused. Size and lens are what `visloc calibrate` writes."""
     height_px: Annotated[int, Field(ge=48, le=10000)] = 480
     """Height of the calibrated image."""
     fx_px: Positive = 500.0

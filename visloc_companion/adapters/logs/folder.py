@@ -88,7 +88,9 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
         raise LogError("is missing beside the frames", where=str(folder / "camera.toml"), remedy="describe the camera there")
     if frames is not None and (unsaid := [key for key in LENS_KEYS if key not in settings]):
         what = f"does not say {', '.join(unsaid)}"
-        raise ConfigError(what, where=str(folder / "camera.toml"), remedy="write the calibration's values: none is assumed")
+        raise ConfigError(
+            what, where=str(folder / "camera.toml"), remedy="write the calibration's values (visloc calibrate): none is assumed"
+        )
     of_frames = notes_on(frames, folder / "frames.csv")
     found = None
     if stated_ns is None:
