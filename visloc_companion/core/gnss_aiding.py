@@ -50,7 +50,7 @@ class GnssAiding:
         self._reference: GeoPoint | None = None
         self.began_anew = False
         """Whether the last report made a filter that kept refusing GNSS start again from it: one of both was far off."""
-        self._odometry: deque[Motion] = deque(maxlen=MOTIONS_WAITING)
+        self._odometry: deque[tuple[Motion, float]] = deque(maxlen=MOTIONS_WAITING)
         self._map, self._scale = MapOffset(settings.navigator.map_sigma_m), ScaleWatch()
         self._told: list[Command] = []
 
@@ -164,21 +164,22 @@ class GnssAiding:
 
         Intervals follow each other; displacements from a keyframe overlap, and would count the same metres again and again.
         """
-        self._odometry.append(seen)
+        self._odometry.append((seen, self._tracker.zoom_share))
         self._compare_odometry()
 
     def _compare_odometry(self) -> None:
         track = self._tracker.gnss
         newest_ns = track.newest_ns
-        while newest_ns is not None and self._odometry and self._odometry[0].t_ns <= newest_ns:
-            seen = self._odometry.popleft()
+        while newest_ns is not None and self._odometry and self._odometry[0][0].t_ns <= newest_ns:
+            seen, zoom_share = self._odometry.popleft()
             moved = track.displacement(seen.t_from_ns, seen.t_ns)
             if moved is not None:
                 own_m2 = (seen.cov_ne_m2[0][0] + seen.cov_ne_m2[1][1]) / 2
-                shared = (seen.sigma_scale**2 + seen.sigma_heading_rad**2) / 2
+                scale2 = max(0.0, seen.sigma_scale**2 - zoom_share**2)
+                shared = (scale2 + seen.sigma_heading_rad**2) / 2
                 by_lens_m2 = seen.sigma_focal**2 * (seen.per_focal_ne_m[0] ** 2 + seen.per_focal_ne_m[1] ** 2) / 2
                 var_m2 = own_m2 + by_lens_m2 + shared * (seen.d_ne_m[0] ** 2 + seen.d_ne_m[1] ** 2)
-                lens = Lens(abs(self._tracker.longer_share) + self._tracker.alike.lens_bend, seen.per_focal_ne_m)
+                lens = Lens(abs(self._tracker.longer_share) + self._tracker.alike.lens_bend, seen.per_focal_ne_m, zoom_share)
                 self._monitor.on_displacement(seen.t_from_ns, seen.t_ns, moved, seen.d_ne_m, var_m2, lens)
                 self._watch_scale(seen, moved)
 

@@ -18,6 +18,8 @@ from visloc_companion.types import Vec2
 BLOCK_S = 2.0
 GAP_S = 1.0
 """Longer holes between two intervals begin anew."""
+ZOOM_SIGMAS = 3.0
+"""Of a zoom that nobody sees, no more is believed."""
 GNSS_WHITE_M = 0.3
 DELAY_S = 0.1
 """A delay between the two shows where the velocity changes."""
@@ -41,11 +43,12 @@ RATE = ShiftModel(
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """By how much (1-sigma, a share) the focal length is doubted beyond what odometry claims, and what a lens that is twice as
-    long adds to a displacement beside its scale, north and east metres."""
+    """By how much (1-sigma, a share) the focal length is doubted beyond what odometry claims, what a lens that is twice as
+    long adds to a displacement beside its scale, north and east metres, and by how much more it may have zoomed unseen."""
 
     share: float = 0.0
     per_focal_ne_m: Vec2 = (0.0, 0.0)
+    zoom_share: float = 0.0
 
 
 RIGHT = Lens()
@@ -68,7 +71,7 @@ class OdometryTest:
 
     def _clear_block(self) -> None:
         self._gnss, self._odometry, self._var, self._span_s = 0j, 0j, 0.0, 0.0
-        self._by_scale, self._by_swing = 0j, 0j
+        self._by_scale, self._by_swing, self._by_zoom = 0j, 0j, 0j
 
     @property
     def log_r(self) -> float:
@@ -93,8 +96,12 @@ class OdometryTest:
         self._gnss += complex(*gnss_ne_m)
         self._odometry += complex(*odometry_ne_m)
         self._var += var_m2
-        self._by_scale += lens.share * complex(*odometry_ne_m)
-        self._by_swing += lens.share * complex(*lens.per_focal_ne_m)
+        share = lens.share + lens.zoom_share
+        self._by_swing += share * complex(*lens.per_focal_ne_m)
+        if lens.zoom_share > 0:
+            self._by_zoom += share * complex(*odometry_ne_m)
+        else:
+            self._by_scale += share * complex(*odometry_ne_m)
         self._span_s += (t_to_ns - t_from_ns) * 1e-9
         if self._span_s >= BLOCK_S:
             self._finish(t_to_ns * 1e-9)
@@ -105,9 +112,9 @@ class OdometryTest:
         span_s, v = self._span_s, self._odometry / self._span_s
         turn_var = 0.0 if self._v is None else (DELAY_S * abs(v - self._v)) ** 2
         self._v = v
-        apart = self._gnss - self._odometry
         by_lens_m2 = (abs(self._by_scale) ** 2 + abs(self._by_swing) ** 2) / 2
         rate_var = max((self._var + by_lens_m2) / span_s**2, MIN_RATE_SIGMA_MPS**2)
+        apart = self._held_across(self._gnss - self._odometry, rate_var * span_s**2)
         self._rate.update(t_s, apart / span_s, (2 * GNSS_WHITE_M**2 + turn_var) / span_s**2, rate_var, v)
         self._apart += apart
         if self._place is None:
@@ -115,6 +122,17 @@ class OdometryTest:
         self._place.update(t_s, self._apart, GNSS_WHITE_M**2 + turn_var, 0.0, self._odometry)
         self._place.summed(self._odometry)
         self._weigh()
+
+    def _held_across(self, apart: complex, var_m2: float) -> complex:
+        """What lies between both, less what an unseen zoom accounts for: along the way, all up to so many of its sigmas but as
+        much as there is beside it (`var_m2`)."""
+        zoom_m = abs(self._by_zoom)
+        if zoom_m == 0:
+            return apart
+        way = self._by_zoom / zoom_m
+        along = (apart * way.conjugate()).real
+        left = max(abs(along) * math.sqrt(var_m2 / (var_m2 + zoom_m**2)), abs(along) - ZOOM_SIGMAS * zoom_m)
+        return apart - (along - math.copysign(left, along)) * way
 
 
 def _place_model(rate_var: float) -> ShiftModel:

@@ -30,6 +30,7 @@ from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.tilt_memory import TiltMemory
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
+from visloc_companion.core.unseen_zoom import doubted
 from visloc_companion.core.zoom_ramp import ZoomRamp
 from visloc_companion.core.zoom_watch import ZoomWatch
 from visloc_companion.geo import se3
@@ -173,7 +174,7 @@ class OnboardCamera:
         unusable = self._unusable(answer)
         if unusable is not None:
             return shown_by_none(answer, unusable)
-        answer = self._alike(answer)
+        answer = self._doubted(self._alike(answer))
         self._lever.aim_m, self._lever.doubted_m = self._aim.used * self._height_m, self._aim.doubt * self._height_m
         if self._level.wrong:
             return replace(shown_by_none(answer, "the picture does not tilt with the vehicle"), turn=answer.turn)
@@ -206,6 +207,11 @@ class OnboardCamera:
             turn=answer.turn if alike(answer.turn) else None,
             turn_since_kept=answer.turn_since_kept if alike(answer.turn_since_kept) else None,
         )
+
+    def _doubted(self, answer: Fix | NoFix) -> Fix | NoFix:
+        """The answer with what a zoom that nobody sees may make of its motion."""
+        share = self._tracker.zoom_share = self.ramp.unseen.share_in(answer)
+        return answer if answer.motion is None or share == 0 else replace(answer, motion=doubted(answer.motion, share))
 
     def asked_of_vehicle(self, request: LocaliseRequest) -> LocaliseRequest:
         """A request with the vehicle's place in its prior."""

@@ -60,7 +60,7 @@ class Tracker:
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
         self.takeoff_unseen = self.restarted_aloft = False
-        self.longer_share, self._lasting_share, self.alike = 0.0, 0.0, MovedAlike(settings.map_sigma_m)
+        self.longer_share, self._lasting_share, self.zoom_share, self.alike = 0.0, 0.0, 0.0, MovedAlike(settings.map_sigma_m)
 
     @property
     def belief(self) -> Belief | None:

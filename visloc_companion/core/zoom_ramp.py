@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from statistics import fmean
 
 from visloc_companion.core.lasting import BY_SHAPE
 from visloc_companion.core.scale_drift import SURE, ScaleDrift, Sight
 from visloc_companion.core.tracking import Tracker
+from visloc_companion.core.unseen_zoom import UnseenZoom
 from visloc_companion.core.zoom_watch import NONE_SHARE, ZoomWatch
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Command, Fix, GeoPoint, Vec2
@@ -29,6 +31,8 @@ STEP, AHEAD_S = 0.025, 0.7
 """Natural logarithm of a change of the lens, and how far ahead of a frame the next one is."""
 RATES, RATE_NS, MOST_PER_S = 5, 3_500_000_000, 0.08
 """Fixes, within so long, that tell how fast it zooms, and the fastest that is believed: natural logarithm."""
+LEAST_S = 1.0
+"""Over less time, how far it went says nothing of how fast."""
 SETTLED_SHARE = 0.01
 """In the end the lens is set right where it is off by more."""
 ENDED_NS, LOST_NS, TOLD_SHARE = 5_000_000_000, 10_000_000_000, 0.2
@@ -36,12 +40,13 @@ ENDED_NS, LOST_NS, TOLD_SHARE = 5_000_000_000, 10_000_000_000, 0.2
 
 
 class ZoomRamp:
-    """`following`: the lens is known to be another one and followed."""
+    """`following`: the lens is known to be another one and followed. `unseen`: what it may do while nothing is recognised."""
 
     def __init__(self, tracker: Tracker, zoom: ZoomWatch) -> None:
         self._tracker, self._zoom = tracker, zoom
-        self._drift = ScaleDrift()
+        self._drift, self.unseen = ScaleDrift(), UnseenZoom()
         self._origin: GeoPoint | None = None
+        self._first = 0, 1.0
         self._ground = self.following = False
         self._before_m = 0.0
         self._ratios: deque[tuple[int, float]] = deque(maxlen=RATES)
@@ -95,6 +100,8 @@ class ZoomRamp:
         sight = Sight(fix.t_ns, (north, east), fix.cov_ne_m2, fix.per_focal_ne_m, gnss_minus_ne_m, tracker.reckoned(fix.t_ns))
         drift.on_fix(sight, *own_m, height_m)
         if not drift.begun:
+            self._first = fix.t_ns, self._zoom.factor
+            self.unseen.clear()
             if begun:
                 self._over()
             return []
@@ -120,16 +127,21 @@ class ZoomRamp:
 
     def _begin(self, fix: Fix, height_m: float) -> list[Command]:
         """It is the lens: heights are what they were before."""
-        ratios = [(t_ns, self._zoom.factor * (1 + nearer)) for t_ns, nearer in self._drift.newest(RATES)]
-        self._follow(fix.t_ns, ratios, self._drift.before_m, height_m)
+        self._follow(fix.t_ns, self._drifted(), self._drift.before_m, height_m)
         self._change(fix.t_ns)
         return self._zoom.tell()
+
+    def _drifted(self) -> list[tuple[int, float]]:
+        """The zoom of the last fixes, as far as it is the lens."""
+        return [(t_ns, self._zoom.factor * (1 + nearer)) for t_ns, nearer in self._drift.newest(RATES)]
 
     def found(self, t_ns: int) -> None:
         """Frames are recognised through a lens that was tried: it may go on."""
         height = self._tracker.height
         learned_m = height.learned_m(t_ns) + height.stepped_m(t_ns)
         before_m = self._before_m if self.following else self._drift.before_m if self._drift.begun else learned_m
+        if not self.doubting:
+            self._first = t_ns, self._zoom.factor
         self._follow(t_ns, [(t_ns, self._zoom.factor)], before_m, self._tracker.height_above_home_m or 0.0)
 
     def _follow(self, t_ns: int, ratios: list[tuple[int, float]], before_m: float, height_m: float) -> None:
@@ -138,6 +150,7 @@ class ZoomRamp:
         self._ratios.clear()
         self._ratios.extend(ratios)
         self._drift = ScaleDrift()
+        self.unseen.seen(t_ns, self._fastest(ratios))
         height = self._tracker.height
         height.hold(t_ns, before_m - height.stepped_m(t_ns), LOOSE_SHARE * abs(height_m))
         self._tracker.know_lens(FOLLOWED_SHARE)
@@ -148,10 +161,14 @@ class ZoomRamp:
             return []
         self._seen_ns = fix.t_ns
         self._ratios.append((fix.t_ns, asked * height_m / max(height_m / 3, height_m + own_m - self._before_m)))
+        self.unseen.seen(fix.t_ns, self._fastest(self._ratios))
         if abs(math.log(self._ahead(fix.t_ns) / self._zoom.factor)) > STEP:
             self._change(fix.t_ns)
             return self._zoom.tell(TOLD_SHARE)
-        return self._end() if fix.t_ns - self._changed_ns > ENDED_NS else []
+        if fix.t_ns - self._changed_ns <= ENDED_NS:
+            return []
+        self.unseen.clear()
+        return self._end()
 
     def _change(self, t_ns: int) -> None:
         self._changed_ns = t_ns
@@ -172,16 +189,29 @@ class ZoomRamp:
         if self.following and now_ns - self._seen_ns > LOST_NS:
             return self._end()
         self._zoom.expect(self._ahead(now_ns) if self.following else None)
+        self._zoom.goes_on_unseen = self.unseen.goes_on(now_ns)
         return []
 
     def _ahead(self, t_ns: int) -> float:
         """The zoom at the next frame after a time."""
-        newest_ns = self._ratios[-1][0]
-        recent = [(t, ratio) for t, ratio in self._ratios if t >= newest_ns - RATE_NS]
-        t_s = [(t - newest_ns) * 1e-9 for t, _ in recent]
-        logs = [math.log(ratio) for _, ratio in recent]
-        mean_s, mean = fmean(t_s), fmean(logs)
-        spread = sum((t - mean_s) ** 2 for t in t_s)
-        rate = sum((t - mean_s) * log for t, log in zip(t_s, logs, strict=True)) / spread if spread > 0.25 else 0.0
-        rate = max(-MOST_PER_S, min(MOST_PER_S, rate))
-        return math.exp(mean + rate * ((t_ns - newest_ns) * 1e-9 + AHEAD_S - mean_s))
+        (mean_s, mean), rate = _recent(self._ratios)
+        return math.exp(mean + rate * ((t_ns - self._ratios[-1][0]) * 1e-9 + AHEAD_S - mean_s))
+
+    def _fastest(self, ratios: Sequence[tuple[int, float]]) -> float:
+        """How fast the lens may go on by its last ratios, natural logarithm a second: as lately, or as since it was last as long
+        as before, if that was faster (one that goes in steps stands still in between)."""
+        (first_ns, first), (newest_ns, newest) = self._first, ratios[-1]
+        seconds = max(LEAST_S, (newest_ns - first_ns) * 1e-9)
+        return max(abs(_recent(ratios)[1]), min(MOST_PER_S, abs(math.log(newest / first)) / seconds))
+
+
+def _recent(ratios: Sequence[tuple[int, float]]) -> tuple[tuple[float, float], float]:
+    """Of the last ratios: their mean time since the newest, seconds, and logarithm, and how fast that goes on, a second."""
+    newest_ns = ratios[-1][0]
+    recent = [(t, ratio) for t, ratio in ratios if t >= newest_ns - RATE_NS]
+    t_s = [(t - newest_ns) * 1e-9 for t, _ in recent]
+    logs = [math.log(ratio) for _, ratio in recent]
+    mean_s, mean = fmean(t_s), fmean(logs)
+    spread = sum((t - mean_s) ** 2 for t in t_s)
+    rate = sum((t - mean_s) * log for t, log in zip(t_s, logs, strict=True)) / spread if spread > 0.25 else 0.0
+    return (mean_s, mean), max(-MOST_PER_S, min(MOST_PER_S, rate))

@@ -83,6 +83,8 @@ class ZoomWatch:
         self._hits: list[_Hit] = []
         self._missed = 0
         self._expected: float | None = None
+        self.goes_on_unseen = False
+        """Whether a zoom that was followed may have gone on since the last fix, nobody knows how far."""
         self.found: Fix | None = None
         """The newest fix through the lens that was found to be there."""
         self._heights: deque[float] = deque(maxlen=HEIGHTS)
@@ -118,7 +120,7 @@ class ZoomWatch:
     @property
     def _may_have(self) -> bool:
         """Whether it may be a zoom that hides the ground."""
-        return self._expected is not None or self._sudden
+        return self._expected is not None or self.goes_on_unseen or self._sudden
 
     def _guess(self, gnss: GnssTrack) -> float | None:
         return self._more(gnss) if self._expected is None else self._expected / self.factor

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.core.gnss_height import HeightTest, pressure_altitude_m
-from visloc_companion.core.gnss_odometry import OdometryTest
+from visloc_companion.core.gnss_odometry import Lens, OdometryTest
 from visloc_companion.types import Baro, GeoPoint
 
 S = 1_000_000_000
@@ -26,14 +26,16 @@ class Walk:
         self.factor = (1 + scale) * np.exp(1j * math.radians(heading_deg))
         self.rng, self.test, self.t, self.speed = np.random.default_rng(seed), OdometryTest(), 0, speed
 
-    def run(self, seconds: int, drag: complex = 0j, jump: complex = 0j) -> list[float]:
+    def run(self, seconds: int, drag: complex = 0j, jump: complex = 0j, zoom_per_s: float = 0.0) -> list[float]:
+        """`zoom_per_s`: how fast, natural logarithm, a lens zooms that nobody sees, and that is known."""
         out = []
-        for _ in range(seconds):
+        for k in range(seconds):
             v = self.speed * np.exp(1j * (self.t // 40) * self.turn_rad)
             gnss = v + drag + jump + 0.2 * complex(*self.rng.standard_normal(2))
-            seen = v * self.factor + 0.1 * complex(*self.rng.standard_normal(2))
+            seen = v * self.factor * math.exp(k * zoom_per_s) + 0.1 * complex(*self.rng.standard_normal(2))
             jump = 0j
-            self.test.add(self.t * S, (self.t + 1) * S, (gnss.real, gnss.imag), (seen.real, seen.imag), 0.2**2)
+            lens = Lens(zoom_share=min(1.2, math.expm1(k * abs(zoom_per_s))))
+            self.test.add(self.t * S, (self.t + 1) * S, (gnss.real, gnss.imag), (seen.real, seen.imag), 0.2**2, lens)
             self.t += 1
             out.append(self.test.log_r)
         return out
@@ -56,6 +58,17 @@ def test_a_drag_that_the_camera_does_not_see_is_found(drag: complex, within_s: i
     walk = Walk()
     walk.run(200)
     assert next(k for k, value in enumerate(walk.run(60, drag)) if value > LIMIT) <= within_s
+
+
+@pytest.mark.parametrize("per_s", [0.01, 0.025, -0.025, 0.04])
+def test_a_zoom_that_nobody_sees_is_no_false_gnss_and_hides_none_that_goes_aside(per_s: float) -> None:
+    walk = Walk(turn_rad=0.02)
+    walk.run(200)
+    assert max(walk.run(40, zoom_per_s=per_s)) < LIMIT - 2
+    walk = Walk(turn_rad=0.02)
+    walk.run(200)
+    aside = np.exp(1j * (200 // 40 * 0.02 + math.pi / 2))
+    assert next(k for k, value in enumerate(walk.run(60, aside, zoom_per_s=per_s)) if value > LIMIT) <= 12
 
 
 def test_a_jump_is_found_although_the_velocity_is_true_again() -> None:

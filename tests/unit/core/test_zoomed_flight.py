@@ -337,3 +337,31 @@ def test_while_a_zoom_is_followed_a_fix_of_another_question_than_the_last_tells_
     last_fix = replace(fix, request_id=last.request_id, t_ns=last.frame.t_ns)
     ramp.on_fix(last_fix, known_m, None, taken=True)
     assert list(ramp._ratios) != before
+
+
+def test_a_zoom_that_goes_on_unseen_for_long_speaks_against_no_gnss_and_is_found_at_last(zooming: Any) -> None:
+    w = zooming(zoom=slow(0.025, 1.7), blind=lambda t: 39 < t < 60)
+    w.start()
+    w.fly(75.0)
+    assert w.notices("not trusted") == []
+    assert all(off_m < s.protection_level_m for t, s, off_m in w.statuses if t > 39)
+    assert max(off_m for t, _, off_m in w.statuses if t > 39) < 6.0
+    assert w.requests[-1][1].zoom == pytest.approx(1.7, rel=0.02)
+
+
+def test_a_zoom_that_goes_on_unseen_without_gnss_is_in_the_level(zooming: Any) -> None:
+    w = zooming(zoom=lambda t: max(0.45, slow(-0.025, 2.2)(t)), blind=lambda t: t > 39, jammed=lambda t: t > 45)
+    w.start()
+    w.fly(65.0)
+    assert all(off_m < s.protection_level_m for t, s, off_m in w.statuses if t > 39)
+
+
+def test_a_drag_aside_is_found_while_nobody_sees_how_far_a_zoom_goes(zooming: Any) -> None:
+    def dragged(t: float) -> tuple[float, float]:
+        off_m = 1.0 * max(0.0, t - 41)
+        return (-off_m * math.sin(t / 40), off_m * math.cos(t / 40))
+
+    w = zooming(zoom=lambda t: slow(0.025, 1.7)(min(t, 39)), blind=lambda t: t > 39, pull_m=dragged)
+    w.start()
+    w.fly(56.0)
+    assert suspected_s(w) <= 41 + 15
