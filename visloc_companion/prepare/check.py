@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.errors import OutsideMap
+from visloc_companion.geo.way import along
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
@@ -19,7 +20,7 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.registration import pack_accuracy_m, why_off
 from visloc_companion.prepare.heights import cloud_above_at_places, cloud_above_surface_m, heights_warnings, surface_range
 from visloc_companion.prepare.matchability import Matchability, matchability
-from visloc_companion.prepare.route import Route, along, read_route
+from visloc_companion.prepare.route import Route, read_route
 from visloc_companion.types import GeoPoint
 
 MIN_SHARE_MATCHABLE = 0.5

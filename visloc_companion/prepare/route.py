@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from visloc_companion.errors import MapError
-from visloc_companion.geo.wgs84 import distance_m, geo_from_ned, ned_from_geo
+from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.types import GeoPoint
 
 LAST_NAV_COMMAND = 95
@@ -77,17 +76,6 @@ def read_route(path: Path) -> Route:
         raise MapError(f"{wrong[0].lat_deg}, {wrong[0].lon_deg} is no latitude, longitude", where=str(path), remedy=_REMEDY)
     _check_legs(route.places, path)
     return route
-
-
-def along(places: list[GeoPoint], step_m: float) -> list[GeoPoint]:
-    """The route's places and points between them, at most `step_m` apart."""
-    points = places[:1]
-    for start, end in pairwise(places):
-        n = max(1, math.ceil(distance_m(end, start) / step_m))
-        north, east, _ = ned_from_geo(end, start)
-        points += [geo_from_ned((north * k / n, east * k / n, 0.0), start) for k in range(1, n)]
-        points.append(end)
-    return points
 
 
 def _check_legs(places: list[GeoPoint], path: Path) -> None:

@@ -93,7 +93,9 @@ def sign_pack(folder: Path, signer: Signer, progress: Callable[[str, int], None]
 
 def _is_public(file: Path) -> bool:
     with suppress(OSError):
-        return file.is_file() and b"-----BEGIN PUBLIC KEY-----" in file.read_bytes()[:MAX_PEM_BYTES]
+        if file.is_file():
+            with file.open("rb") as opened:
+                return b"-----BEGIN PUBLIC KEY-----" in opened.read(MAX_PEM_BYTES)
     return False
 
 

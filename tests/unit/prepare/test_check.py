@@ -1,5 +1,4 @@
 import json
-from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -12,7 +11,7 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.check import check_pack, on_map
 from visloc_companion.prepare.matchability import matchability
-from visloc_companion.prepare.route import Route, along, read_route
+from visloc_companion.prepare.route import Route, read_route
 from visloc_companion.types import GeoPoint
 
 UTM, PLACE = "EPSG:32633", (47.0, 15.3)
@@ -347,12 +346,3 @@ def test_a_mission_that_leads_nowhere_is_told_of(lake: PackMap, tmp_path: Path, 
     assert any("the route holds one place alone" in warning for warning in check_pack(lake, tmp_path / "r.plan")["warnings"])
     there = write_route(tmp_path / "there.csv", [home, place(lake, -250, 0)])
     assert not any("alone" in warning for warning in check_pack(lake, there)["warnings"])
-
-
-def test_points_along_a_route() -> None:
-    a, b = GeoPoint(47.0, 15.0, 0.0), GeoPoint(47.01, 15.0, 0.0)
-    points = along([a, b, b], 100.0)
-    assert points[0] == a and points[-1] == b
-    steps = [distance_m(p, q) for p, q in pairwise(points)]
-    assert max(steps) <= 100.0 and sum(steps) == pytest.approx(distance_m(b, a), rel=1e-6)
-    assert along([a], 10.0) == [a]

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
 from pathlib import Path
 
 from visloc_companion.app.ground_check import Ground, look
 from visloc_companion.config import Config
 from visloc_companion.doctor.facts import LinkFacts, MapFacts
 from visloc_companion.errors import VislocError
-from visloc_companion.geo.wgs84 import distance_m, geo_from_ned, ned_from_geo
+from visloc_companion.geo.way import along
 from visloc_companion.maps.manifest import manifest_bytes
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.registration import pack_accuracy_m
@@ -78,11 +77,7 @@ def _margin_m(pack: PackMap, place: GeoPoint) -> float:
 
 def empty_share(pack: PackMap, places: Sequence[GeoPoint]) -> float:
     """Share of a way, from place to place, over ground of which the pack shows nothing: beside it, empty corners, holes."""
-    way = list(places[:1])
-    for start, end in pairwise(places):
-        n = min(_MOST_STEPS, max(1, math.ceil(distance_m(end, start) / (_STEP_PX * pack.gsd_m))))
-        north, east, down = ned_from_geo(end, start)
-        way += [geo_from_ned((north * k / n, east * k / n, down * k / n), start) for k in range(1, n + 1)]
+    way = along(places, _STEP_PX * pack.gsd_m, _MOST_STEPS)
     return sum(not _shows(pack, place) for place in way) / len(way)
 
 
