@@ -7,7 +7,7 @@ import errno
 import json
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,10 @@ from visloc_companion.evaluate.closed_loop import FlightWorld
 from visloc_companion.evaluate.record import from_entries
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare import world
+from visloc_companion.sim import faults
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.real.scenarios import NAMES
-from visloc_companion.sim.scenarios import SCENARIOS
+from visloc_companion.sim.scenarios import FLIGHTS, SCENARIOS
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightSetup
 
@@ -53,6 +54,12 @@ def flown_by_hand(number: int, spec: FlightSpec, *, passed: bool = True) -> Flow
 @pytest.fixture
 def places(tiny_world: Any) -> list[str]:
     return ["--map", str(tiny_world.pack), "--camera-ortho", str(tiny_world.ortho), "--camera-dsm", str(tiny_world.dsm)]
+
+
+@pytest.fixture
+def short_jam(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half a minute, jammed after 12 s: what is told of a flight does not depend on its length."""
+    monkeypatch.setitem(FLIGHTS, "jam", replace(SCENARIOS["jam"], duration_s=30.0, faults=faults.jam(12.0)))
 
 
 def test_beside_a_pipe_there_are_no_epochs(tmp_path: Path) -> None:
@@ -94,6 +101,7 @@ def test_the_list_of_an_autopilot_that_there_is_not_is_refused() -> None:
         run("--list", "--autopilot", "betaflight")
 
 
+@pytest.mark.usefixtures("short_jam")
 def test_a_good_flight_is_told_judged_and_written(
     places: list[str], tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,7 +116,7 @@ def test_a_good_flight_is_told_judged_and_written(
     assert result["epochs"] == str(tmp_path / "jam-epochs.csv")
     with (tmp_path / "jam-epochs.csv").open(encoding="utf-8", newline="") as file:
         epochs = list(csv.DictReader(file))
-    assert len(epochs) == 1200
+    assert len(epochs) == 300
     assert epochs[-1]["verdict"] == "denied"
     page = (tmp_path / "jam.html").read_text(encoding="utf-8")
     assert "PASS" in page
@@ -116,6 +124,7 @@ def test_a_good_flight_is_told_judged_and_written(
     assert "data:image/jpeg" in page
 
 
+@pytest.mark.usefixtures("short_jam")
 def test_over_the_maps_own_orthophoto_the_figures_say_same_image(
     tiny_world: Any, tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,6 +146,7 @@ def test_over_the_maps_own_orthophoto_the_figures_say_same_image(
     np.testing.assert_array_equal(seen[0].pixels, own.pixels)
 
 
+@pytest.mark.usefixtures("short_jam")
 def test_a_flight_with_the_camera_on_a_gimbal_is_told_as_one(
     places: list[str], tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -149,6 +159,7 @@ def test_a_flight_with_the_camera_on_a_gimbal_is_told_as_one(
     assert "jam: ardupilot copter, gimbal, deep</" in (tmp_path / "jam.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("short_jam")
 def test_a_flight_that_fails_exits_with_1(
     places: list[str], tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -162,6 +173,7 @@ def test_a_flight_that_fails_exits_with_1(
     assert result["failsafe"]
 
 
+@pytest.mark.usefixtures("short_jam")
 def test_without_the_daemon(places: list[str], tmp_path: Path) -> None:
     files = "--json", tmp_path / "jam.json", "--report", tmp_path / "jam.html"
     code, text = run("--scenario", "jam", "--without-daemon", *places, *files)
@@ -243,6 +255,7 @@ def test_a_campaign_that_ends_early_writes_what_was_flown(
     assert "INCOMPLETE, of 3 flights: flights=2 " in ended.stdout
 
 
+@pytest.mark.usefixtures("short_jam")
 def test_flights_are_kept_when_their_words_find_no_reader(
     places: list[str], tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -307,6 +320,7 @@ def test_what_cannot_be_flown_is_refused_before_any_work(
         run(*arguments)
 
 
+@pytest.mark.usefixtures("short_jam")
 @pytest.mark.parametrize("option", ["--json", "--report"])
 def test_a_full_disk_is_told_with_the_option_after_the_flight_was_judged(
     option: str, places: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

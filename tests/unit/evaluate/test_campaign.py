@@ -30,6 +30,7 @@ from visloc_companion.evaluate.campaign import (
 from visloc_companion.evaluate.closed_loop import FlightWorld, simulated_config
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
+from visloc_companion.sim import faults
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.scenarios import DEMO, SCENARIOS, SEASON_CHANGE
 from visloc_companion.sim.setup import FlightSetup
@@ -50,6 +51,12 @@ def spec(tiny_world: Any) -> FlightSpec:
     return FlightSpec("jam", tiny_world.pack, tiny_world.ortho, tiny_world.dsm)
 
 
+@pytest.fixture
+def short_jam(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half a minute, jammed after 12 s."""
+    monkeypatch.setitem(campaign.FLIGHTS, "jam", replace(SCENARIOS["jam"], duration_s=30.0, faults=faults.jam(12.0)))
+
+
 def numbers(value: Any) -> list[float]:
     if isinstance(value, dict):
         return [number for item in value.values() for number in numbers(item)]
@@ -58,6 +65,7 @@ def numbers(value: Any) -> list[float]:
     return [value] if isinstance(value, float) else []
 
 
+@pytest.mark.usefixtures("short_jam")
 def test_the_result_has_the_fields_of_the_interface(
     spec: FlightSpec, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -83,10 +91,11 @@ def test_the_result_has_the_fields_of_the_interface(
     assert {"name", "value", "limit", "passed"} == set(result["expected"][0])
     assert [name for _, name in result["modes"]] == ["waiting", "shadow", "aiding"]
     assert [name for _, name in result["verdicts"]] == ["denied", "ok", "denied"]
-    assert result["verdicts"][-1][0] == result["gnss"]["detected_at_s"] == pytest.approx(31.5, abs=1.5)
-    assert len(told) == 120
+    assert result["verdicts"][-1][0] == result["gnss"]["detected_at_s"] == pytest.approx(13.5, abs=1.5)
+    assert len(told) == 30
 
 
+@pytest.mark.usefixtures("short_jam")
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_any_scenario_can_be_flown_with_the_camera_on_a_gimbal(
     dialect: str, spec: FlightSpec, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
@@ -191,6 +200,7 @@ def test_the_flight_keeps_to_what_the_camera_is_to_see(spec: FlightSpec, write_r
             fly_spec(replace(spec, camera_ortho=tmp_path / "away.tif", camera_dsm=None, with_daemon=False))
 
 
+@pytest.mark.usefixtures("short_jam")
 @pytest.mark.parametrize(("east_deg", "flies"), [(0.0, False), (1e-5, True)])
 def test_a_home_that_autopilots_take_for_none_is_refused(
     east_deg: float, flies: bool, write_raster: Any, tmp_path: Path, oracle_eyes: MakeEyes, monkeypatch: pytest.MonkeyPatch
