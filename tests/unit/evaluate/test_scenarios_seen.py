@@ -27,7 +27,7 @@ from visloc_companion.types import AutopilotKind, GeoPoint
 
 SEEN = [scenario for scenario in SCENARIOS.values() if scenario.pictures and scenario is not SEASON_CHANGE]
 SIZE_M, WIDTH_PX = 800.0, 320
-RATE_HZ, RARER_HZ = 0.75, {"open_sea": 0.125, "over_water": 0.375}
+RATE_HZ, RARER_HZ = 0.5, {"open_sea": 0.125, "over_water": 0.375}
 """Rarer than the scenarios' own, and still rarer over water: frames that are lost are searched for over all in reach: minutes."""
 
 
