@@ -11,7 +11,6 @@ from visloc_companion.app.rounding import largest_difference
 from visloc_companion.app.serialise import to_json
 from visloc_companion.app.settings import core_settings
 from visloc_companion.config import Config, parse_config
-from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.errors import ConfigError, JournalError
 from visloc_companion.types import Command
@@ -21,6 +20,8 @@ _SCHEMA = JournalHeader({}).schema
 
 def replay(entries: Iterable[Entry], settings: CoreSettings) -> Iterator[tuple[Entry, list[Command]]]:
     """Every recorded event with the commands that the navigator answers now; recorded commands are passed over."""
+    from visloc_companion.core.navigator import Navigator  # loads filterpy: only who flies waits
+
     navigator = Navigator(settings)
     for entry in entries:
         if entry.event is not None:

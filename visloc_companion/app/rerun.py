@@ -17,7 +17,6 @@ from visloc_companion.app.ground_check import Ground, look
 from visloc_companion.app.journal import Entry
 from visloc_companion.app.terrain import TerrainAnswer
 from visloc_companion.app.worker_process import about_terrain, no_fix
-from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.errors import Reason
 from visloc_companion.types import Fix, Image, LocaliseRequest, MapAtGnss, NoFix, TerrainRequest, WorkerState
@@ -71,6 +70,8 @@ def rerun(
     the recorded answers stand).
     Deterministic where `answer` is: the answer to a request made at t arrives at t + `latency_ns`, whatever it took here.
     """
+    from visloc_companion.core.navigator import Navigator  # loads filterpy: only who flies waits
+
     navigator = Navigator(settings)
     due: list[tuple[int, int, Fix | NoFix]] = []
 

@@ -17,7 +17,6 @@ from visloc_companion.app.localiser import configured_localiser
 from visloc_companion.app.settings import core_settings
 from visloc_companion.config import DEFAULT_METHOD, Config, InjectionConfig, LocaliserConfig, NavigatorConfig
 from visloc_companion.config_camera import CameraConfig
-from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import MapError
 from visloc_companion.evaluate.expected import ALERT_LIMIT_M, checks_of
 from visloc_companion.evaluate.flight_area import flight_area
@@ -122,6 +121,8 @@ def fly_with(
         log = ClosedLoopFlight(pilot, None, None, None).run(setup.scenario.duration_s, on_progress)
         record = from_entries(log.entries, log.truth, t0_ns=CLOCK_OFFSET_NS)
         return FlownScenario(setup, log, record, flight_summary(record, alert_limit_m=ALERT_LIMIT_M), [])
+    from visloc_companion.core.navigator import Navigator  # loads filterpy, as long as all else: only who flies waits
+
     navigator = Navigator(core_settings(simulated_config(setup)))
     session, operator = MavlinkSession(SessionSettings()), _operator(setup.scenario)
     flight = ClosedLoopFlight(pilot, navigator, session, eyes, operator=operator, on_entry=on_entry)

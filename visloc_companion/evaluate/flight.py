@@ -15,7 +15,6 @@ from visloc_companion.app.ground_check import PERIOD_S, Ground, Standing, look
 from visloc_companion.app.journal import Entry
 from visloc_companion.app.terrain import TerrainAnswer
 from visloc_companion.app.worker_process import about_terrain, no_fix
-from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.errors import Reason
 from visloc_companion.protocols import Localiser, ReferenceMap
@@ -75,6 +74,8 @@ def replay_recording(
     `events` are in time order on the recording's clock, which is the navigator's. `pace(t_ns)` is called before each event, to
     replay in real time. `on_progress` is told the seconds that are done.
     """
+    from visloc_companion.core.navigator import Navigator  # loads filterpy: only who flies waits
+
     navigator = Navigator(settings)
     due: list[tuple[int, int, Event]] = []
     order = count()

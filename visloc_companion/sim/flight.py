@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.app.journal import Entry
-from visloc_companion.core.navigator import Navigator
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.flight_eyes import Every, FlightEyes
@@ -33,6 +33,9 @@ from visloc_companion.types import (
     TerrainRequest,
     Tick,
 )
+
+if TYPE_CHECKING:
+    from visloc_companion.core.navigator import Navigator
 
 __all__ = ["CLOCK_OFFSET_NS", "LINK_DELAY_NS", "ClosedLoopFlight", "Eyes", "FlightLog", "OperatorEntry", "TruthSample"]
 
