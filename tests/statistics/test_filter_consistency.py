@@ -19,7 +19,8 @@ from visloc_companion.types import Fix, GeoPoint
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
 SETTINGS = NavigatorSettings()
 SIGMA_A = SETTINGS.acceleration_sigma_mps2
-N_FLIGHTS = 20
+N_FLIGHTS, N_WRONG = 20, 6
+"""Flights of a check; and of one that fails by far (2.6 and 1.9 where 1.25 is allowed)."""
 LASTS_S = 5.0
 """Half of a fix's variance is that of the ground that neighbouring frames look at."""
 BAND = (0.8, 1.25)
@@ -118,7 +119,7 @@ def test_an_over_confident_localiser_fails_the_same_check() -> None:
 
 def test_accelerations_that_are_believed_too_much_fail_the_same_check(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fusion, "TILT_MPS2_PER_M", 0.0)
-    flights = [normalised_errors(seed, 1.0, Drive.INERTIAL, 2.0, SIGMA_A / 5) for seed in range(N_FLIGHTS)]
+    flights = [normalised_errors(seed, 1.0, Drive.INERTIAL, 2.0, SIGMA_A / 5) for seed in range(N_WRONG)]
     for axis in range(2):
         assert rms([e for flight in flights for e in flight[axis::2]]) > BAND[1]
 
