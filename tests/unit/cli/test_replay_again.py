@@ -48,7 +48,7 @@ def flown(tiny_world: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The journal of ten seconds over the small world, with the frames that were localised."""
     path = tmp_path_factory.mktemp("flown") / "flight.mcap"
     world = FlightWorld(tiny_world.pack, PackMap.open(tiny_world.pack), Scene.load(tiny_world.ortho, tiny_world.dsm))
-    scenario = replace(FLIGHTS["jam"], duration_s=10.0)
+    scenario = replace(FLIGHTS["jam"], duration_s=10.0, frame_rate_hz=2.0)
     setup = FlightSetup(scenario, world.area(), AutopilotKind.ARDUPILOT, "copter", 1)
     fly(setup, world, method="gradient", kept=JournalChoice(path, frames=True))
     return path

@@ -58,7 +58,7 @@ def test_home_and_reach_are_the_maps(small_world: FlightWorld) -> None:
 
 def test_rendered_frames_and_the_real_localiser_carry_a_flight(small_world: FlightWorld) -> None:
     """Two dates years apart, jammed after 5 s of 13: the autopilot flies on what the gradient localiser finds."""
-    scenario = replace(SCENARIOS["jam"], duration_s=13.0, faults=faults.jam(5.0))
+    scenario = replace(SCENARIOS["jam"], duration_s=13.0, frame_rate_hz=2.0, faults=faults.jam(5.0))
     told: list[float] = []
     setup = FlightSetup(scenario, small_world.area(), AutopilotKind.PX4, "copter", 1)
     flown = fly(setup, small_world, method="gradient", on_progress=told.append)
