@@ -22,6 +22,7 @@ APART = (
 LONG = (
     "tests/unit/localise/structure/test_localiser.py",
     "tests/unit/core/test_aimed_flight.py",
+    "tests/unit/core/test_distortion_watch.py",
     "tests/unit/localise/test_ranged.py",
     "tests/unit/localise/test_rectified.py",
     "tests/unit/cli/test_sim.py",
