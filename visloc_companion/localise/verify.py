@@ -19,10 +19,10 @@ CHANCE = 0.0744
 Weights = tuple[float, ...]
 GRADIENT_WEIGHTS: Weights = (-1.79, 18.6, 5.48, 0.442, 2.6, -0.583, -1.95, -0.393, -1.14, 3.81, 0.0932, 0.115, 2.33)
 """Logistic regression of being right on `Evidence.regressors` (`python -m benchmarks.calibrate`, training rows only) for gradient
-features, and ..."""
-DEEP_WEIGHTS: Weights = (-4.31, 7.4, -4.56, 0.325, -1.44, 5.73, -2.24, -0.357, 13.6, 2.52, 0.125, 0.368, -0.408)
+features, fitted without the shares of other places and single blocks, and ..."""
+DEEP_WEIGHTS: Weights = (-1.52, 0.907, -4.49, 0.145, 0.626, 4.95, -1.45, -0.408, 10.3, -1.5, 0.0421, 0.224, 0.635)
 """... for the network's, and ..."""
-AGAIN_WEIGHTS: Weights = (-9.9, 4.64, -22.4, 1.13, -1.41, 17.1, -0.0633, -0.389, 13.4, -3.55, 0.0335, 0.353, 18.2)
+AGAIN_WEIGHTS: Weights = (-2.4, 4.05, -8.39, 1.11, 0.57, 9.67, -0.294, -0.239, 1.89, -5.27, 0.0454, 0.204, 3.95)
 """... for a second look through the network's at what the first one declines (looks.py)."""
 UNKNOWN_ATTITUDE_WEIGHTS: Weights = (1.96, 7.55, 1.64, 1.0, -1.49, -4.97)
 """... for frames of unknown attitude (`python -m benchmarks.cross_view --fit`, training rows only)."""

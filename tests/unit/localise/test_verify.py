@@ -7,6 +7,8 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.verify import (
+    AGAIN_WEIGHTS,
+    DEEP_WEIGHTS,
     FAR_PX,
     GRADIENT_WEIGHTS,
     Evidence,
@@ -44,10 +46,23 @@ def test_good_evidence_is_accepted():
 
 @pytest.mark.parametrize(
     ("name", "worse"),
-    [("score", 0.2), ("runner_up", 1.0), ("agreeing", 4.0), ("scatter", 4.0), ("position_sigmas", 3.0), ("sigma_px", 3.0)],
+    [
+        *(("score", 0.2), ("runner_up", 1.0), ("agreeing", 4.0), ("scatter", 4.0), ("position_sigmas", 3.0), ("sigma_px", 3.0)),
+        *(("lead", 1.0), ("mode_mass", 0.5), ("returning", 0.2)),
+    ],
 )
-def test_probability_rises_with_worse_evidence(name, worse):
-    assert probability_wrong(replace(GOOD, **{name: worse}), GRADIENT_WEIGHTS) > probability_wrong(GOOD, GRADIENT_WEIGHTS)
+@pytest.mark.parametrize("weights", [GRADIENT_WEIGHTS, DEEP_WEIGHTS, AGAIN_WEIGHTS])
+@pytest.mark.parametrize("footprint_px", [48.0, 96.0, 170.0, 200.0])
+def test_probability_rises_with_worse_evidence(name, worse, weights, footprint_px):
+    good = replace(GOOD, footprint_px=footprint_px)
+    assert probability_wrong(replace(good, **{name: worse}), weights) > probability_wrong(good, weights)
+
+
+@pytest.mark.parametrize("weights", [DEEP_WEIGHTS, AGAIN_WEIGHTS])
+@pytest.mark.parametrize("footprint_px", [48.0, 96.0, 170.0, 200.0])
+def test_probability_rises_where_the_search_saw_less_of_a_likeness(weights, footprint_px):
+    good = replace(GOOD, footprint_px=footprint_px)
+    assert probability_wrong(replace(good, coarse_score=0.3), weights) > probability_wrong(good, weights)
 
 
 @pytest.mark.parametrize(
