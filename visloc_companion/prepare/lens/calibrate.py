@@ -12,6 +12,7 @@ import numpy as np
 from visloc_companion.errors import CameraError
 from visloc_companion.prepare.lens.agree import Scatter, scatter
 from visloc_companion.prepare.lens.board import Board
+from visloc_companion.prepare.lens.centre import OffCentre, off_centre
 from visloc_companion.prepare.lens.choose import MODELS, Candidate, candidates, chosen
 from visloc_companion.prepare.lens.coverage import Coverage, coverage
 from visloc_companion.prepare.lens.flat import Warp, warp
@@ -30,8 +31,9 @@ OUTLYING, OUTLYING_PX, MOST_OUTLYING = 3.0, 0.25, 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """`lens` is that of `candidate`, one of `judged`, on `views`; `covariance` as sure.covariance has it, `sheet`
-    what the views tell of the sheet they show, `scatter` whether they agree on one lens."""
+    """`lens` is that of `candidate`, one of `judged`, on `views`; `covariance` as sure.covariance has it, with what the model
+    cannot say of a lens out of centre (`off_centre`); `sheet` what the views tell of the sheet they show, `scatter` whether they
+    agree on one lens."""
 
     board: Board
     looked: Looked
@@ -44,6 +46,7 @@ class Calibration:
     covariance: FloatArray
     sheet: Warp
     scatter: Scatter
+    off_centre: OffCentre
 
     @property
     def sigmas(self) -> dict[str, float]:
@@ -106,7 +109,9 @@ def calibrate(
         why = "; ".join(f"{each.kind}: {each.why_not}" for each in judged)
         raise CameraError(f"no model fits: {why}", where=f"{len(views)} views", remedy=_MORE)
     lens = candidate.lens
-    told = covariance(lens, views), warp(lens, views, board), scatter(lens, views)
+    off = off_centre(lens, views)
+    sure = covariance(lens, views) + np.outer(off.step, off.step)
+    told = sure, warp(lens, views, board), scatter(lens, views), off
     return Calibration(board, looked, views, outlying, strays, judged, candidate, lens, *told)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from visloc_companion.adapters.camera.calibration import lens_model
 from visloc_companion.config import parse_config
 from visloc_companion.errors import ConfigError
+from visloc_companion.prepare.lens.centre import off_centre
 from visloc_companion.prepare.lens.fit import NoFit, fit
 from visloc_companion.prepare.lens.section import section
 from visloc_companion.prepare.lens.view import Lens, View, placed, residuals_px
@@ -21,17 +22,22 @@ MODELS: tuple[DistortionModel, ...] = ("brown_conrady", "fisheye", "rational")
 FOLDS = 5
 WORSE_SIGMAS, WORSE_SHARE = 2.0, 0.02
 """A simpler model is worse where the views say so by so many of their own sigmas, and its error is larger by such a share."""
+TRIMMED = 0.2
+"""Share of the views on either side that a comparison leaves out: one that alone reaches into a corner of the picture errs much
+where it is held out, under the right model as well, for nothing tells that what the lens does there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
     """A model fitted to all views, with the (V,) mean square, px², of each view's residuals (of both axes) under the lens that
-    was fitted without it. `why_not`: what forbids it; empty where nothing does."""
+    was fitted without it. `off_centre`: whether the lens is out of centre, which the model cannot say; `why_not`: what forbids
+    it, empty where nothing does."""
 
     kind: DistortionModel
     lens: Lens | None
     held_out_px2: FloatArray
     why_not: str = ""
+    off_centre: bool = False
 
     @property
     def rms_px(self) -> float:
@@ -55,19 +61,25 @@ def candidates(
 
 
 def chosen(of: Sequence[Candidate]) -> Candidate | None:
-    """The simplest that is not significantly worse than the best; None where every one is forbidden."""
+    """The simplest that is not significantly worse than any other; None where every one is forbidden."""
     able = [each for each in of if not each.why_not]
-    if not able:
-        return None
-    best = min(able, key=lambda each: each.rms_px)
-    return next(each for each in able if not is_worse(each, best))
+    sound = (each for each in able if not any(is_worse(each, other) for other in able))
+    return next(sound, min(able, key=lambda each: each.rms_px, default=None))
 
 
 def is_worse(one: Candidate, other: Candidate) -> bool:
-    """Whether the views tell that one model errs more than another (a paired comparison)."""
-    more = np.log(one.held_out_px2 / other.held_out_px2)  # a shaken view does not outweigh the rest
-    sigma = float(np.std(more, ddof=1)) / math.sqrt(len(more))
-    return float(np.mean(more)) > max(WORSE_SIGMAS * sigma, 2 * math.log1p(WORSE_SHARE))
+    """Whether one model errs more than another, or as much and for a lens out of centre has nothing, which the other has."""
+    return errs_more(one, other) or (one.off_centre and not other.off_centre and not errs_more(other, one))
+
+
+def errs_more(one: Candidate, other: Candidate) -> bool:
+    """Whether most of the views tell that one model errs more than another: a paired comparison of trimmed means (Yuen 1974)."""
+    more = np.sort(np.log(one.held_out_px2 / other.held_out_px2))
+    out = int(TRIMMED * len(more))
+    kept = more[out : len(more) - out]
+    spread = float(np.std(np.clip(more, kept[0], kept[-1]), ddof=1)) * math.sqrt((len(more) - 1) / (len(kept) - 1))
+    sigma = spread / math.sqrt(len(kept))
+    return float(np.mean(kept)) > max(WORSE_SIGMAS * sigma, 2 * math.log1p(WORSE_SHARE))
 
 
 def _judged(kind: DistortionModel, views: Sequence[View], size_px: tuple[int, int], near: CameraModel | None) -> Candidate:
@@ -84,4 +96,4 @@ def _judged(kind: DistortionModel, views: Sequence[View], size_px: tuple[int, in
         return Candidate(kind, None, np.zeros(0), str(why))
     except ConfigError as why:
         return Candidate(kind, whole, held_out, why.what)
-    return Candidate(kind, whole, held_out)
+    return Candidate(kind, whole, held_out, off_centre=off_centre(whole, views).sure)

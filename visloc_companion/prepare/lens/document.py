@@ -42,6 +42,7 @@ def document(of: Calibration) -> dict[str, Any]:
             "focal_share": of.sheet.focal_share,
             "sure": of.sheet.sure,
         },
+        "off_centre": {"cx_px": of.off_centre.step[2].item(), "cy_px": of.off_centre.step[3].item(), "sure": of.off_centre.sure},
         "between_views": {"focal_share": of.scatter.focal_share, "centre_px": of.scatter.centre_px},
         "coverage": {"cells": cov.counts.tolist(), "share": cov.share, "empty_corners": cov.empty_corners},
         "good": not shortcomings(of),
@@ -69,6 +70,9 @@ def lines(of: Calibration) -> Iterator[str]:
     for name, value, sigma in of.numbers:
         yield f"{name} {value:.2f} ± {sigma:.2f} px"
     yield f"1-sigma of the focal length {share_words(of.focal_share)}: so much of every height above ground"
+    if of.off_centre.sure:
+        cx, cy = of.off_centre.step[2:4]
+        yield f"the lens is out of centre, for which fisheye has nothing: cx may be off by {abs(cx):.2f}, cy by {abs(cy):.2f} px"
     if of.sheet.sure:
         yield f"the sheet is {sheet_words(of.sheet)}, and the focal length {100 * of.sheet.focal_share:.2f} % off for it"
     else:
