@@ -185,7 +185,11 @@ def _height_unit_m(path: Path, unit: str, crs: MapCrs) -> float:
     if unit in ("m", "metre", "meter", "metres", "meters"):
         return 1.0
     if unit:
-        raise MapError(f"heights are in {unit!r}", where=str(path), remedy="convert the heights to metres")
+        raise MapError(
+            f"heights are in {unit!r}",
+            where=str(path),
+            remedy="state metres or feet: gdal_edit.py -units m (or ft) FILE; others convert to metres",
+        )
     if not crs.states_heights and crs.metres_per_unit < 1.0:  # nobody has heights in kilometres; NaN of degrees
         what = "its grid is in feet, and it does not say whether its heights are"
         raise DatumMissing(what, where=str(path), remedy="gdal_edit.py -units ft FILE, or -units m")

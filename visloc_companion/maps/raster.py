@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
+from visloc_companion.geo.raster import apply_affine
 from visloc_companion.maps.geotiff import layer_of, open_dsm, open_ortho
 from visloc_companion.maps.grid import GridMap, Heights
+from visloc_companion.maps.seamless import seam_away
 
 
 class RasterMap(GridMap):
@@ -23,5 +27,8 @@ class RasterMap(GridMap):
             heights = Heights(None, image.crs, ground_h_amsl_m)
         else:
             surface = open_dsm(dsm)
-            heights = Heights(layer_of(surface), surface.crs, ground_h_amsl_m)
+            rows, cols = image.shape
+            middle = apply_affine(image.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))
+            here = image.crs.to_geo(float(middle[0]), float(middle[1]))
+            heights = Heights(seam_away(layer_of(surface), surface.crs, here), surface.crs, ground_h_amsl_m)
         return cls(image.crs, layer_of(image), heights, gsd_m)

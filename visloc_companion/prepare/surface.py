@@ -13,6 +13,7 @@ from visloc_companion.errors import DatumMissing, MapError
 from visloc_companion.maps.crs import MapCrs
 from visloc_companion.maps.geotiff import layer_of, open_dsm, require_heights
 from visloc_companion.maps.manifest import Grid, HeightEntry
+from visloc_companion.maps.seamless import seam_away
 from visloc_companion.maps.spilled import Spill
 from visloc_companion.prepare.cloud import cloud_surface
 from visloc_companion.prepare.mosaic import Step, write_heights
@@ -59,6 +60,9 @@ def make_surface(
     """
     if not sources:
         return None
+    west, south, east, north = grid.bounds
+    here = grid.crs.to_geo((west + east) / 2, (south + north) / 2)
+    sources = tuple(replace(source, layer=seam_away(source.layer, source.crs, here)) for source in sources)
     datum, undulation_m = settled_datum([(source.name, source.crs) for source in sources], stated, undulation_m)
     return Surface(sources, datum, undulation_m, _height_grid(sources, grid))
 
