@@ -55,14 +55,16 @@ def files_listed(table: Path, kind: ErrorKind = CameraError) -> list[tuple[int, 
 
 
 def times_of_video(table: Path, video: Path, kind: ErrorKind = CameraError) -> tuple[int, ...]:
-    """When each frame of a video was taken, microseconds. Raises an error of `kind` for a table that is not of this video: that
-    goes back, has another number of rows than the video frames, or lists image files that are there."""
+    """When each frame of a video was taken, microseconds. Raises an error of `kind` for a table that is not of this video: whose
+    times do not grow, that has another number of rows than the video frames, or lists image files that are there."""
     rows = read_table(table, ("t_us",), kind)
     times_us: list[int] = []
     for number, row in enumerate(rows, start=1):
         times_us.append(_time_us(table, number, row, kind))
-        if times_us[-1] < times_us[max(number - 2, 0)]:
-            raise refuse(table, number, "t_us", "goes back", _A_ROW_EACH, kind)
+        if number > 1 and times_us[-1] <= times_us[-2]:
+            same = times_us[-1] == times_us[-2]
+            what = f"has the time of row {number - 1}, and each frame one of its own" if same else "goes back"
+            raise refuse(table, number, "t_us", what, f"write finer times; {_A_ROW_EACH}" if same else _A_ROW_EACH, kind)
     named = [row["file"] for row in rows if row.get("file") and row["file"] != video.name]
     if pictures := [name for name in named if (table.parent / name).is_file()]:
         raise kind(

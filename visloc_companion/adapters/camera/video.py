@@ -11,6 +11,7 @@ import numpy as np
 
 from visloc_companion.adapters.camera.image import as_stored, require_size, rgb, stored
 from visloc_companion.adapters.camera.table import reached, require_name, stamped_by_autopilot, times_of_video
+from visloc_companion.adapters.camera.video_stamps import is_raw
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import CameraModel, FrameRef
@@ -42,7 +43,7 @@ class VideoCamera:
         self._t_us = None if table is None else times_of_video(table, self._path)
         self._of_autopilot = self._t_us is not None and stamped_by_autopilot(self._path.parent)
         self._rate_hz = float(self._capture.get(cv2.CAP_PROP_FPS))
-        if self._t_us is None and not 0 < self._rate_hz < 1e4:
+        if self._t_us is None and (is_raw(self._path) or not 0 < self._rate_hz < 1e4):
             raise CameraError(
                 "states no frame rate", where=str(path), remedy=f"write the frames' times (t_us) to {tables[0].name} beside it"
             )

@@ -6,6 +6,19 @@ from pathlib import Path
 
 import cv2
 
+RAW_SUFFIXES = (".mjpeg", ".mjpg", ".h264", ".264", ".h265", ".265", ".hevc")
+"""Bare streams, without a word of when their frames were taken: decoders make a rate of 25 Hz up."""
+VIDEO_SUFFIXES = (
+    *(".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts", ".3gp", ".wmv", ".asf", ".flv"),
+    *RAW_SUFFIXES,
+)
+"""What is taken for a video by its name, in letters of any size."""
+
+
+def is_raw(video: Path) -> bool:
+    """Whether it is a bare stream, which has no times of its own."""
+    return video.suffix.lower() in RAW_SUFFIXES
+
 
 def frame_count(video: Path, expected: int) -> int:
     """How many frames it has: counted where what it states is not what is expected."""

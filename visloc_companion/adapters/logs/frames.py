@@ -10,7 +10,8 @@ from typing import Protocol
 
 from visloc_companion.adapters.camera.image import decode_image
 from visloc_companion.adapters.camera.table import files_listed, require_name, times_of_video
-from visloc_companion.adapters.logs.video import VIDEO_SUFFIXES, VideoFrames, own_times_us, turn_deg
+from visloc_companion.adapters.camera.video_stamps import VIDEO_SUFFIXES
+from visloc_companion.adapters.logs.video import VideoFrames, own_times_us, turn_deg
 from visloc_companion.errors import LogError
 from visloc_companion.types import Image
 

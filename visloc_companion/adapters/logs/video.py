@@ -10,11 +10,10 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.image import as_stored
-from visloc_companion.adapters.camera.video_stamps import stamps_us
+from visloc_companion.adapters.camera.video_stamps import is_raw, stamps_us
 from visloc_companion.errors import LogError
 from visloc_companion.types import Image
 
-VIDEO_SUFFIXES = (".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v")
 _OFF_PERIODS = 1.5
 """A rate times a video whose stamps are out of order only if none of them is further from it, in periods."""
 _STAMP_THEM = "add frames.csv with a t_us for each frame"
@@ -58,6 +57,8 @@ def own_times_us(video: Path, start_us: int | None) -> tuple[int, ...]:
     shown_us, rate_hz = stamps_us(video)
     if not shown_us:
         raise LogError("cannot be decoded as a video", where=str(video), remedy="convert it to MP4 with H.264")
+    if is_raw(video):
+        raise LogError("is a bare stream, which holds no times", where=str(video), remedy=_STAMP_THEM)
     if shown_us[0] == shown_us[-1] or any(before > after for before, after in pairwise(shown_us)):
         shown_us = _by_rate(video, shown_us, rate_hz)
     return tuple(start_us + t_us - shown_us[0] for t_us in shown_us)

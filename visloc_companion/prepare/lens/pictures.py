@@ -11,11 +11,12 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.image import as_stored, decode_image, rgb
+from visloc_companion.adapters.camera.video_stamps import VIDEO_SUFFIXES
 from visloc_companion.errors import CameraError
 from visloc_companion.types import Image
 
 IMAGES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"))
-VIDEOS = frozenset((".mp4", ".mkv", ".avi", ".mov", ".webm", ".m4v", ".ts", ".mjpeg"))
+VIDEOS = frozenset(VIDEO_SUFFIXES)
 UNREADABLE = frozenset((".heic", ".heif"))
 """Pictures that telephones take: to be told, not passed over."""
 PICTURES_A_SECOND = 2.0
