@@ -32,7 +32,12 @@ TrustedKeys = Annotated[
 
 
 def make_key(
-    out: Annotated[Path, typer.Option("--out", metavar="NAME", help="NAME.key and NAME.pub are made; neither is replaced.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="NAME", help="NAME.key and NAME.pub are made, which NAME.key names, too; neither is replaced."
+        ),
+    ],
     passphrase_file: PassphraseFile = None,
 ) -> None:
     """Make a pair of keys for signing packs: NAME.key signs and stays where packs are built, NAME.pub goes on the aircraft."""

@@ -16,6 +16,7 @@ from visloc_companion.private_file import create_file, read_private
 from visloc_companion.whole_file import write_whole
 
 _MADE_BY = "visloc map key --out NAME"
+_PRIVATE, _PUBLIC = ".key", ".pub"
 _MAX_PASSPHRASE_BYTES = 1023
 """cryptography takes no longer one."""
 
@@ -51,14 +52,16 @@ class Signer:
 
 
 def make_keys(out: Path, passphrase_file: Path | None = None) -> KeyPair:
-    """Make `OUT.key`, which nobody but its owner may read from the start, and `OUT.pub`. Neither must exist.
+    """Make `OUT.key`, which nobody but its owner may read from the start, and `OUT.pub`. Neither must exist; an OUT that ends in
+    one of the two names both.
 
     With a file of a passphrase the private key is encrypted with it. Raises ConfigError.
     """
     if out.name in ("", ".."):
         raise ConfigError("names no file", where=f"--out {out}", remedy=f"say what the files are to be called: {_MADE_BY}")
     passphrase = _passphrase(passphrase_file)
-    private, public = (out.with_name(f"{out.name}{suffix}") for suffix in (".key", ".pub"))
+    stem = out.stem if out.suffix in (_PRIVATE, _PUBLIC) else out.name
+    private, public = (out.with_name(f"{stem}{suffix}") for suffix in (_PRIVATE, _PUBLIC))
     if public.exists():
         remedy = "name a file that does not exist yet: what was signed with the old key could not be verified any more"
         raise ConfigError("exists already", where=str(public), remedy=remedy)

@@ -104,3 +104,15 @@ def test_exit_codes(tmp_path: Path, pack: Path) -> None:
     (pack / "manifest.sig").write_bytes(b"x")
     assert code("check", pack, "--trusted-key", public) == 3
     assert code("sign", tmp_path, "--key", private) == 3
+
+
+@pytest.mark.parametrize("asked", ["fleet.key", "fleet.pub", "fleet.2026", "fleet.2026.key"])
+def test_a_pair_of_keys_is_called_as_was_asked(tmp_path: Path, asked: str) -> None:
+    stem = asked.removesuffix(".key").removesuffix(".pub")
+    visloc("key", "--out", tmp_path / asked)
+    assert sorted(file.name for file in tmp_path.iterdir()) == [f"{stem}.key", f"{stem}.pub"]
+    before = (tmp_path / f"{stem}.key").read_bytes()
+    for again in (stem, f"{stem}.key", f"{stem}.pub"):
+        with pytest.raises(ConfigError, match="exists already"):
+            visloc("key", "--out", tmp_path / again)
+    assert (tmp_path / f"{stem}.key").read_bytes() == before
