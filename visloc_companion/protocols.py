@@ -53,6 +53,14 @@ class AutopilotLink(Protocol):
     def withheld(self) -> str:
         """Why positions are not sent that are to be, in a few words; empty where they are."""
 
+    @property
+    def n_sent(self) -> int:
+        """How many positions went out so far: an output with a slow period of its own sends few of those that it is given."""
+
+    @property
+    def left_out(self) -> int:
+        """How many messages, of all kinds, were left out so far because the line was too slow for them; 0 where it never is."""
+
     def events(self) -> AsyncIterator[Event]:
         """Decoded events, stamped with arrival time, until the link is closed. Reconnects by itself (LinkChanged)."""
 

@@ -31,6 +31,7 @@ from visloc_companion.app.parts import Constructors, Parts, Reports, assemble
 from visloc_companion.app.seen import Seen
 from visloc_companion.app.serialise import to_json
 from visloc_companion.app.settings import core_settings
+from visloc_companion.app.slow_line import SlowLine
 from visloc_companion.app.status import status_server
 from visloc_companion.app.ticker import time_grid
 from visloc_companion.app.worker_ahead import WorkerAhead
@@ -74,9 +75,9 @@ class Daemon:
         self.parts, self.link = parts, parts.link
         self.navigator = Navigator(core_settings(parts.config))
         self.status: Status | None = None
-        self._seen = Seen()
+        self._seen, self._line = Seen(), SlowLine()
         self.health = Health({part: limit for part, limit in LIMITS_S.items() if part != "camera" or parts.camera is not None})
-        self.slow_steps = self.slowest_ns = self.orders_dropped = self._withheld = 0
+        self.slow_steps = self.slowest_ns = self.orders_dropped = 0
         self._make, self._notifier = make, notifier
         self._wall = MonotonicClock()  # health is about this process, whatever speed the flight's clock has
         self._injections: Mailbox[Injection] = Mailbox(2, newest_wins=True)
@@ -229,7 +230,6 @@ class Daemon:
     async def _send_injections(self) -> None:
         while True:
             await self.link.send(await self._injections.get())
-            self._withheld += bool(self.link.withheld)
 
     async def _send_notices(self) -> None:
         while True:
@@ -283,6 +283,9 @@ class Daemon:
                 self.report(Notice(Severity.CRITICAL, f"hangs: {', '.join(late)}", data=ages))
             if not late:
                 self._notifier.watchdog()
+            slow = self._line.seen(self.link.left_out, now_ns)
+            if slow is not None:
+                self.report(slow)
             await asyncio.sleep(min(_WATCH_S, (self._notifier.watchdog_s or 60.0) / 4))
 
     def snapshot(self) -> dict[str, Any]:
@@ -293,6 +296,7 @@ class Daemon:
             "t_ns": now_ns,
             "status": None if self.status is None else json.loads(to_json(self.status)),
             "link_up": self._link_up,
+            "line": {"left_out": self.link.left_out, "slow": self._line.slow},
             "worker": None
             if worker is None
             else {
@@ -307,7 +311,7 @@ class Daemon:
             "slow_steps": self.slow_steps,
             "slowest_ms": self.slowest_ns / 1e6,
             "injections": {
-                "sent": self._injections.taken - self._withheld,
+                "sent": self.link.n_sent,
                 "dropped": self._injections.dropped,
                 "withheld": self.link.withheld,
             },

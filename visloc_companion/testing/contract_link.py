@@ -174,6 +174,7 @@ class LinkContract(ABC):
             await bench.until(lambda: bool(bench.peer.poses()), "a position")
             assert bench.peer.poses() == [((12.0, -7.0, -40.0), 5)]
             assert bench.link.withheld == ""
+            assert (bench.link.n_sent, bench.link.left_out) == (1, 0), "what went out, not what was given"
             await self._end(bench, listening)
 
     async def test_request_tells_whether_it_arrives(self) -> None:

@@ -32,7 +32,7 @@ class FakeLink:
 
     It comes up with the first call, with its origin where it has one. `feed` adds any event. `grants_streams` and
     `grants_switches` decide the answers. What was sent stays in the lists; an injection without origin or link is not sent.
-    While it `hangs` nobody sees to it, and positions that are `withheld` go nowhere.
+    While it `hangs` nobody sees to it, and positions that are `withheld` go nowhere. `left_out` is what a test says.
     """
 
     clock: Clock
@@ -50,6 +50,7 @@ class FakeLink:
     closed: bool = False
     hangs: bool = False
     withheld: str = ""
+    left_out: int = 0
     up: bool = False
     armed: bool = False
     _begun: bool = False
@@ -59,6 +60,11 @@ class FakeLink:
     def rounds(self) -> int:
         """Twenty a second by the clock."""
         return 0 if self.hangs else self.clock.now_ns() // _ROUND_NS
+
+    @property
+    def n_sent(self) -> int:
+        """All that it noted."""
+        return len(self.injections)
 
     def feed(self, *events: Event) -> None:
         """Let the autopilot say something."""

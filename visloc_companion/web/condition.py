@@ -30,6 +30,12 @@ def injection(snapshot: dict[str, Any]) -> dict[str, Any]:
     return {"now": injected, "says": says, "withheld": withheld, **sums}
 
 
+def line(snapshot: dict[str, Any]) -> dict[str, Any]:
+    """Whether the line to the autopilot is too slow for what is sent, and how many messages were left out for that."""
+    told = part(snapshot, "line")
+    return {"slow": flag(told.get("slow")), "left_out": count(told.get("left_out"))}
+
+
 def health(snapshot: dict[str, Any]) -> list[dict[str, Any]]:
     """One row a part: name, `ok` (None: there is none, or it is not known) and what to say."""
     hanging = set(texts(snapshot.get("late"), len(PARTS)))
@@ -71,7 +77,11 @@ def _link(snapshot: dict[str, Any]) -> tuple[bool | None, str]:
     name = {"ardupilot": "ArduPilot", "px4": "PX4"}.get(text(autopilot.get("kind")), "an autopilot")
     armed = {True: "armed", False: "disarmed", None: "armed or not is not known"}[flag(autopilot.get("armed"))]
     version = text(autopilot.get("version"))
-    return True, f"{name} {version}, {armed}" if version else f"{name}, {armed}"
+    says = f"{name} {version}, {armed}" if version else f"{name}, {armed}"
+    carried = line(snapshot)
+    if carried["slow"]:
+        return False, f"the line is too slow, {carried['left_out'] or 0} messages were left out; {says}"
+    return True, says
 
 
 def _camera(snapshot: dict[str, Any]) -> tuple[bool | None, str]:

@@ -32,6 +32,7 @@ GAUGES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 COUNTERS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("visloc_injections", "Positions sent to the autopilot since the daemon's start.", ("injection", "sent")),
     ("visloc_injections_dropped", "Positions that a newer one overtook before it was sent.", ("injection", "dropped")),
+    ("visloc_line_left_out", "Messages that the line to the autopilot was too slow for.", ("line", "left_out")),
 )
 
 

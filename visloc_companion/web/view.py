@@ -46,6 +46,7 @@ def view_of(heard: Heard, origin: Origin, now_s: float) -> dict[str, Any]:
         "fix": navigation.fix(snapshot),
         "gnss": navigation.gnss(snapshot),
         "injection": condition.injection(snapshot),
+        "line": condition.line(snapshot),
         "health": condition.health(snapshot),
         "notices": condition.notices(snapshot),
     }

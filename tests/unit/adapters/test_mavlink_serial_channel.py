@@ -111,7 +111,15 @@ async def test_a_line_that_cannot_follow_is_told_once(line, monkeypatch):
         while not told:  # noqa: ASYNC110 - heartbeats wait, one behind the other
             await asyncio.sleep(0.02)
     await asyncio.sleep(0.3)
+    counted = link.left_out
+    assert counted > 1
+    link._connection_lost("unplugged")
+    async with asyncio.timeout(20):
+        while link.reconnects < 1:  # noqa: ASYNC110 - the count outlives the connection
+            await asyncio.sleep(0.02)
+    assert link.left_out >= counted
     await link.close()
+    told = [text for text in told if "unplugged" not in text]
     assert told == [f"serial:{line[1]}:1200 cannot carry all that is sent, some is left out: raise the baud rate on both sides"]
 
 

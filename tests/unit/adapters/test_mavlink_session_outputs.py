@@ -142,6 +142,7 @@ def test_estimates_for_dead_reckoning_come_at_their_own_slow_period():
         talking.session.send(injection(talking.now_ns), talking.now_ns)
     talking.run(0.1)
     assert len(talking.autopilot.positions) == 5
+    assert talking.session.n_sent == 5, "not the hundred that were given"
     talking.session.switch(SwitchSource(EkfSource.VISION), talking.now_ns)
     ended = [event for event in talking.run(1.0) if isinstance(event, SourceSwitched)]
     assert [(event.accepted, event.shows_use) for event in ended] == [(True, False)]

@@ -38,6 +38,7 @@ SNAPSHOT: dict[str, Any] = {
     "slow_steps": 0,
     "slowest_ms": 1.2,
     "injections": {"sent": 321, "dropped": 0},
+    "line": {"left_out": 7, "slow": False},
     "late": [],
     "camera": True,
     "autopilot": {"kind": "ardupilot", "version": "4.6.2", "armed": True},

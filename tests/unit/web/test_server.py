@@ -139,6 +139,7 @@ async def test_metrics_are_what_prometheus_reads() -> None:
     assert found[("visloc_gnss_verdict", "suspect")] == 1
     assert found[("visloc_protection_level_meters",)] == 12.0
     assert found[("visloc_injections_total",)] == 321
+    assert found[("visloc_line_left_out_total",)] == 7
     assert found[("visloc_fix_age_seconds",)] == pytest.approx(0.8, abs=0.1)
     assert found[("visloc_part_healthy", "camera")] == 1
 

@@ -59,6 +59,17 @@ def test_positions_that_are_kept_back_are_not_shown_as_sent() -> None:
     assert (idle["now"], idle["says"], idle["withheld"]) == (False, "not sending", ""), "of before: none are to be sent now"
 
 
+def test_a_line_that_is_too_slow_is_shown() -> None:
+    row = view(snapshot() | {"line": {"left_out": 12, "slow": False}})["health"][0]
+    assert (row["part"], row["ok"]) == ("link", True), "a few at a start"
+    shown = view(snapshot() | {"line": {"left_out": 321, "slow": True}})
+    assert shown["line"] == {"left_out": 321, "slow": True}
+    row = shown["health"][0]
+    assert (row["part"], row["ok"]) == ("link", False)
+    assert row["says"] == "the line is too slow, 321 messages were left out; ArduPilot 4.6.2, armed"
+    assert view({"status": snapshot()["status"]})["line"] == {"left_out": None, "slow": None}, "of a recording nobody knows"
+
+
 def test_the_ellipse_points_along_the_larger_sigma() -> None:
     """Sigmas of 2 m north and 1 m east: 95 % within 2.448 of each, the major axis north."""
     position = view(snapshot())["position"]

@@ -23,7 +23,7 @@ _SINCE_2017_US = 1_483_228_800_000_000
 
 
 class PositionSender:
-    """Chooses the output for the autopilot at hand and encodes injections; `refusals` are those that were not sent.
+    """Chooses the output for the autopilot at hand and encodes injections; `n_sent` counts them, `refusals` those not sent.
 
     Each choice is told of once: what is sent with the first position, what cannot be at once.
     """
@@ -32,6 +32,7 @@ class PositionSender:
         self, settings: SessionSettings, outbox: Outbox, warn: Callable[[str], None], say: Callable[[Notice], None]
     ) -> None:
         self.refusals = Refusals(warn, say)
+        self.n_sent = 0
         self._settings, self._outbox, self._warn, self._say = settings, outbox, warn, say
         self._reader = ParameterReader()
         self._gate = Gate(settings.fence, settings.max_step_m)
@@ -109,6 +110,7 @@ class PositionSender:
         self._tell()
         self._last_ns = injection.t_ns
         self._outbox.put(message)
+        self.n_sent += 1
         return True
 
     @property

@@ -54,6 +54,7 @@ class PymavlinkLink:
         self._channel: Channel | None = None
         self._lost: str | None = None
         self._slow_told = False
+        self._left_out = 0
         self._data_ns = 0
         self._task: asyncio.Task[None] | None = None
         self._closed = False
@@ -73,6 +74,16 @@ class PymavlinkLink:
     def withheld(self) -> str:
         """Why positions are not sent that are to be, in a few words; empty where they are."""
         return self.session.withheld
+
+    @property
+    def n_sent(self) -> int:
+        """How many positions went out so far."""
+        return self.session.n_sent
+
+    @property
+    def left_out(self) -> int:
+        """How many messages a serial line was too slow for so far; a network has none of these."""
+        return self._left_out + _too_slow_for(self._channel)
 
     @property
     def dropped_events(self) -> int:
@@ -184,6 +195,7 @@ class PymavlinkLink:
             await self._clock.sleep_until(now_ns + _POLL_NS)
         self._emit(self.session.disconnected(f"lost {self.endpoint}: {self._lost}; opening it again", self._clock.now_ns()))
         if self._channel is not None:
+            self._left_out += _too_slow_for(self._channel)
             self._channel.close()
             self._channel = None
 
@@ -231,7 +243,7 @@ class PymavlinkLink:
         if self._channel is None or not packets:
             return
         self._channel.write(packets)
-        if isinstance(self._channel, SerialChannel) and self._channel.dropped and not self._slow_told:
+        if _too_slow_for(self._channel) and not self._slow_told:
             self._slow_told = True
             self._warn(f"{self.endpoint} cannot carry all that is sent, some is left out: raise the baud rate on both sides")
         if self._on_raw is not None:
@@ -242,6 +254,10 @@ class PymavlinkLink:
     def _warn(self, text: str) -> None:
         if self._on_warning is not None:
             self._on_warning(text)
+
+
+def _too_slow_for(channel: Channel | None) -> int:
+    return channel.dropped if isinstance(channel, SerialChannel) else 0
 
 
 async def open_own_channel(endpoint: Endpoint, listener: Listener) -> Channel:

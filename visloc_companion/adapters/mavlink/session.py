@@ -126,6 +126,11 @@ class MavlinkSession:
         return self._sender.withheld
 
     @property
+    def n_sent(self) -> int:
+        """How many positions were queued to be sent so far."""
+        return self._sender.n_sent
+
+    @property
     def unbelieved(self) -> Counter[Refusal]:
         """How many packets were refused for want of a right signature, by reason."""
         return Counter() if self._guard is None else self._guard.counts
