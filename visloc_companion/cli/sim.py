@@ -123,14 +123,20 @@ def _list() -> None:
 
 
 def _list_real(autopilot: str, vehicle: str) -> None:
-    """The flights of a real autopilot's simulator. Raises ConfigError where there is none of such a vehicle."""
+    """The flights of a real autopilot's simulator, on stderr those that it cannot fly, and why.
+
+    Raises ConfigError where there is none of such a vehicle."""
     from visloc_companion.cli.sim_real import chosen_simulator
     from visloc_companion.sim.real.scenarios import NAMES, cannot_fly, real_scenario
 
     simulator = chosen_simulator(autopilot, vehicle)
     for name, summary in NAMES.items():
-        if not cannot_fly(name, simulator):
+        why = cannot_fly(name, simulator)
+        if why:
+            typer.echo(f"not flown by {simulator}: {name} ({why})", err=True)
+        else:
             typer.echo(f"{name:20} {real_scenario(name, simulator).duration_s:4.0f} s  {summary}")
+    typer.echo("where nothing else is said, GNSS is jammed at 60 s, and 140 s are flown on vision", err=True)
 
 
 def _placed(

@@ -127,6 +127,7 @@ def result_of(flown: FlownScenario, method: str, with_daemon: bool = True, same_
         "pulled_m": round(log.pulled_m, 3),
         "modes": record.changes(record.modes),
         "verdicts": record.changes(record.verdicts),
+        "judged": bool(flown.checks),
         "passed": flown.passed,
         "expected": [asdict(check) for check in flown.checks],
     }
@@ -225,6 +226,7 @@ def campaign_outcome(flown: Sequence[FlownSpec], n_asked: int) -> dict[str, Any]
     totals = {
         "flights": len(results),
         "passed": sum(result["passed"] for result in results),
+        "judged": sum(result["judged"] for result in results),
         "fix_epochs": sum(result["n_fixes"] for result in results),
         "hmi": sum(result["hmi"] or 0 for result in results),
         "availability": round(float(np.mean(shares)), 4) if shares else None,

@@ -60,6 +60,7 @@ def real_result(
         "pulled_m": figures.pulled_m or 0.0,
         "modes": record.changes(record.modes),
         "verdicts": record.changes(record.verdicts),
+        "judged": bool(judged),
         "passed": all(check.passed for check in judged),
         "expected": [asdict(check) for check in judged],
         "version": log.version,

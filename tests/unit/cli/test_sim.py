@@ -46,7 +46,7 @@ def run(*arguments: str | Path) -> tuple[int, str]:
 
 def flown_by_hand(number: int, spec: FlightSpec, *, passed: bool = True) -> FlownSpec:
     figures = {"error_horizontal_m": {"median": 1.0, "max": 2.0}, "pulled_m": 0.0, "gnss": {"detected_at_s": 31.0}}
-    more = {"passed": passed, "failsafe": None, "availability": 1.0, "n_fixes": 9, "hmi": 0, "same_image": False}
+    more = {"judged": True, "passed": passed, "failsafe": None, "availability": 1.0, "n_fixes": 9, "hmi": 0, "same_image": False}
     flown = {**asdict(spec), **figures, **more, "pack": "", "camera_ortho": "", "camera_dsm": ""}
     return FlownSpec(number, flown, np.full(3, 5.0), np.full(3, 1.0))
 
@@ -90,8 +90,13 @@ def test_the_list_names_scenarios_and_campaigns() -> None:
     ],
 )
 def test_the_list_of_a_real_autopilot_names_what_it_can_fly(autopilot: str, vehicle: str, lacking: set[str]) -> None:
-    code, text = run("--list", "--autopilot", autopilot, "--vehicle", vehicle)
+    listed = CliRunner().invoke(app, ["--list", "--autopilot", autopilot, "--vehicle", vehicle])
+    code, text = listed.exit_code, listed.stdout
     assert code == 0
+    whole = listed.stderr.splitlines()
+    assert {line.split(": ")[1].split()[0] for line in whole if line.startswith("not flown by ")} == lacking, "and why"
+    assert all(line.endswith(")") for line in whole[:-1])
+    assert whole[-1] == "where nothing else is said, GNSS is jammed at 60 s, and 140 s are flown on vision"
     assert [line.split()[0] for line in text.splitlines()] == [name for name in NAMES if name not in lacking]
     assert "jam                   360 s  GNSS is jammed at 60 s for good; 300 s on vision" in text
 

@@ -147,6 +147,7 @@ def test_a_computer_that_was_too_busy_is_named(
 def test_without_the_daemon_nothing_is_expected(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     code, found = run(monkeypatch, tmp_path, "--without-daemon")
     assert (code, found["with_daemon"], found["expected"], found["passed"]) == (0, False, [], True)
+    assert found["judged"] is False
     assert not {*OF_EVERY_FLIGHT, *OF_A_REAL_ONE} - set(found)
     assert found["failsafe"] == "EKF Failsafe"
     assert (found["n_frames"], found["error_horizontal_m"]["max"], found["injected"]["n"]) == (0, None, 0)

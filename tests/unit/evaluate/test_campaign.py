@@ -41,7 +41,7 @@ REPLAY_FIELDS = {
     *("misleading", "nees", "integrity", "gnss", "injected", "latency_ms", "epochs"),
 }
 SIM_FIELDS = {"scenario", "autopilot", "vehicle", "seed", "failsafe", "pulled_m", "modes", "verdicts", "passed", "expected"}
-EXTRAS = {"dialect", "method", "with_daemon", "same_image", "structure", "gimbal", "fixes_by_method"}
+EXTRAS = {"judged", "dialect", "method", "with_daemon", "same_image", "structure", "gimbal", "fixes_by_method"}
 NOWHERE = Path()
 MakeEyes = Callable[..., Eyes]
 
@@ -86,7 +86,7 @@ def test_the_result_has_the_fields_of_the_interface(
         "plane",
         3,
     ]
-    assert result["passed"] is True
+    assert (result["judged"], result["passed"]) == (True, True)
     assert result["failsafe"] is None
     assert {"name", "value", "limit", "passed"} == set(result["expected"][0])
     assert [name for _, name in result["modes"]] == ["waiting", "shadow", "aiding"]
@@ -129,6 +129,7 @@ def test_without_the_daemon_nothing_is_expected(spec: FlightSpec) -> None:
     result = result_of(fly_spec(replace(spec, scenario="slow_drag", with_daemon=False)), "gradient", with_daemon=False)
     json.dumps(result, allow_nan=False)
     assert (result["n_frames"], result["expected"], result["passed"], result["modes"]) == (0, [], True, [])
+    assert result["judged"] is False
     assert result["pulled_m"] == pytest.approx(120.0, abs=3.0)
     assert result["with_daemon"] is False
 
@@ -291,6 +292,7 @@ def test_a_campaign_adds_its_flights_up(spec: FlightSpec) -> None:
     assert outcome["totals"] == {
         "flights": 2,
         "passed": 2,
+        "judged": 0,
         "fix_epochs": 0,
         "hmi": 0,
         "availability": None,

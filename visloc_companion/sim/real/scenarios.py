@@ -38,7 +38,7 @@ CAMERA_HZ = 15.0
 Change = Callable[[RealScenario], RealScenario]
 
 NAMES = {
-    "jam": "GNSS is jammed at 60 s for good; 300 s on vision, then landing.",
+    "jam": "GNSS is jammed at 60 s for good; 300 s on vision, then a copter lands.",
     "late": "The same with answers 300 ms later (and therefore fewer).",
     "jam_odometry": "As `jam` with a camera of 15 frames a second, and answers bring its motion, as the daemon's localiser's do.",
     "late_odometry": "The same with answers 300 ms later (and therefore fewer).",
