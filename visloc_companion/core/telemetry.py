@@ -6,6 +6,7 @@ import math
 
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
+from visloc_companion.core.attitude_pace import AttitudePace
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.gimbal import Gimbal
 from visloc_companion.core.gnss import GnssMonitor
@@ -35,7 +36,6 @@ from visloc_companion.types import (
     Vec3,
 )
 
-ATTITUDE_AGE_NS = 2_000_000_000
 GOES_ON_SIGMA_M = 20.0
 """1-sigma of a position that the autopilot has carried on by itself since the last one that it was sent, some seconds ago."""
 MAX_STAMP_ERROR_NS = 1_000_000_000
@@ -61,15 +61,15 @@ class Telemetry:
         self._settings, self._clock, self._attitude = settings, clock, attitude
         self._tracker, self._monitor, self._switch = tracker, monitor, switch
         self._asking, self._terrain, self._complaints, self._gimbal = asking, terrain, complaints, gimbal
-        self._attitude_rx_ns: int | None = None
+        self._pace = AttitudePace()
         self._status: EstimatorStatus | None = None
         self._vouching = Vouching()
         self._prior: PriorPose | None = None
         self._home, self._takeoff, self._aloft = HomeHeight(), TakeoffHeight(), RestartedAloft()
 
     def attitude_fresh(self, now_ns: int) -> bool:
-        """Whether an attitude arrived lately."""
-        return self._attitude_rx_ns is not None and now_ns - self._attitude_rx_ns <= ATTITUDE_AGE_NS
+        """Whether an attitude arrived lately, of a stream that is of use."""
+        return self._pace.fresh(now_ns)
 
     def stamped_ns(self, t_rx_ns: int, t_boot_ns: int) -> int:
         """A message's time of validity on the shell's clock; its arrival where its own time cannot be right."""
@@ -104,10 +104,9 @@ class Telemetry:
         reason = self._attitude.add(event.t_boot_ns, event.q_ned_frd, event.rate_frd_radps)
         if reason is not None:
             return [*commands, *self._complaints.about(event, reason, now_ns)]
-        self._attitude_rx_ns = event.t_rx_ns
         self._tracker.heading.on_attitude(event.t_boot_ns, event.q_ned_frd, event.rate_frd_radps)
         self._monitor.on_telemetry(event.t_rx_ns)
-        return commands
+        return [*commands, *self._pace.came(event.t_rx_ns)]
 
     def on_status(self, event: EstimatorStatus) -> None:
         """Keep what the autopilot's estimator says of its health."""
