@@ -22,13 +22,14 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from visloc_companion.app import journal_header
 from visloc_companion.app.salvage import OnDamage, Record, read_records
 from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, from_dict, json_schema, to_json
 from visloc_companion.errors import JournalError, fault_text
@@ -48,17 +49,7 @@ _parse = json.JSONDecoder().raw_decode
 _HEADER, _MAVLINK_IN, _MAVLINK_OUT, _NOTICE, _FRAME = "/header", "/mavlink/in", "/mavlink/out", "/shell/Notice", "/camera/png"
 
 
-@dataclass(frozen=True, slots=True)
-class JournalHeader:
-    """First record: what flew. `started_ns` (shell's clock) and `started_unix_ns` are the same instant."""
-
-    configuration: dict[str, Any]
-    versions: dict[str, str] = field(default_factory=dict)
-    map_manifest_sha256: str = ""
-    map_signed_by: str = ""
-    started_ns: int = 0
-    started_unix_ns: int = 0
-    schema: int = 1
+JournalHeader = journal_header.JournalHeader
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +85,7 @@ def read_journal(
             name = data.get("type") if isinstance(data, dict) else None
             if record.topic is None and name not in EVENT_TYPES and name not in COMMAND_TYPES:
                 continue  # the chunk that described this channel was lost, and what is in it is no event
-            thing = cast(Any, from_dict(data))
+            thing = _thing(data, record, path)
             is_event = name in EVENT_TYPES
             yield Entry(record.log_time_ns, thing if is_event else None, None if is_event else thing)
 
@@ -103,10 +94,7 @@ def read_header(path: Path) -> JournalHeader:
     """The first record. Raises JournalError where there is none."""
     for record in _records(path, True, None):
         if record.topic == _HEADER:
-            try:
-                return JournalHeader(**_parsed(record, path))
-            except TypeError as why:
-                raise JournalError(f"its header cannot be read: {why}", where=str(path)) from why
+            return journal_header.header_of(_parsed(record, path), path)
     remedy = "it was cut in its first second, or damaged there: give the flight's configuration with --salvage --config FILE"
     raise JournalError("holds no header", where=str(path), remedy=remedy)
 
@@ -168,6 +156,13 @@ def _parsed(record: Record, path: Path) -> Any:
         if record.topic is None:
             return None
         raise JournalError(f"record {record.sequence} is not JSON: {why}", where=str(path)) from why
+
+
+def _thing(data: Any, record: Record, path: Path) -> Any:
+    try:
+        return from_dict(data)
+    except JournalError as why:
+        raise JournalError(f"record {record.sequence}: {why.what}", where=str(path), remedy=journal_header.OTHER_VERSION) from why
 
 
 # --------------------------------------------------------------------------------------------------------------- writing

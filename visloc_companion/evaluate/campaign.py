@@ -76,7 +76,8 @@ class FlightSpec:
 
 def _one_of(what: str, name: str, known: Sequence[str]) -> None:
     if name not in known:
-        raise ConfigError(f"unknown {what} {name!r}", remedy=f"one of {', '.join(known)}")
+        near = did_you_mean(name, known)
+        raise ConfigError(f"unknown {what} {name!r}" + (f" ({near})" if near else ""), remedy=f"one of {', '.join(known)}")
 
 
 def find_scenario(name: str) -> Scenario:

@@ -277,6 +277,11 @@ def test_what_is_wrong_with_an_entry_is_named(spec: FlightSpec, tmp_path: Path, 
         campaign_specs(str(path), spec)
 
 
+def test_a_scenario_that_is_nearly_one_is_told(spec: FlightSpec) -> None:
+    with pytest.raises(ConfigError, match=r"unknown scenario 'jamm' \(did you mean 'jam'\?\); remedy: one of jam, "):
+        replace(spec, scenario="jamm")
+
+
 def test_an_unknown_campaign_names_the_known_ones(spec: FlightSpec) -> None:
     with pytest.raises(ConfigError, match="scenarios, vehicles or a JSON file"):
         campaign_specs("nothing", spec)

@@ -1,0 +1,39 @@
+"""The first record of a journal: what flew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from visloc_companion.errors import JournalError
+
+OTHER_VERSION = "read it with the version of visloc that wrote it"
+_KINDS = {"configuration": dict, "versions": dict, "map_manifest_sha256": str, "map_signed_by": str}
+
+
+@dataclass(frozen=True, slots=True)
+class JournalHeader:
+    """First record: what flew. `started_ns` (shell's clock) and `started_unix_ns` are the same instant."""
+
+    configuration: dict[str, Any]
+    versions: dict[str, str] = field(default_factory=dict)
+    map_manifest_sha256: str = ""
+    map_signed_by: str = ""
+    started_ns: int = 0
+    started_unix_ns: int = 0
+    schema: int = 1
+
+
+def header_of(data: Any, path: Path) -> JournalHeader:
+    """The header that was parsed from the journal `path`. Raises JournalError naming what of it is not this version's."""
+    wrong = "it is no object"
+    if isinstance(data, dict):
+        names = {item.name for item in fields(JournalHeader)}
+        ill = [name for name, value in data.items() if name in names and type(value) is not _KINDS.get(name, int)]
+        unknown, missing = sorted(data.keys() - names), [] if "configuration" in data else ["configuration"]
+        told = {"unknown": unknown, "missing": missing, "of another kind": ill}
+        wrong = ", ".join(f"{what}: {', '.join(found)}" for what, found in told.items() if found)
+    if wrong and not (isinstance(data, dict) and ill == ["schema"]):  # which is told as another schema
+        raise JournalError(f"its header cannot be read: {wrong}", where=str(path), remedy=OTHER_VERSION)
+    return JournalHeader(**data)
