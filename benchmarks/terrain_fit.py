@@ -1,8 +1,8 @@
 """The fitted constants of terrain matching: `python -m benchmarks.terrain_fit` (seeds 100 and 101, which no table uses).
 
 Stretches of training flights are matched under priors of several widths, some of which exclude the truth (0.3, 1 km; 4 km off):
-the probability of being wrong is a ridge-regularised logistic regression on what is known of each match, the covariance's factors
-are those that make the errors of the right ones of unit spread.
+the probability of being wrong is a ridge-regularised logistic regression on what is known of each match. Of the right ones errors
+over claimed sigmas are printed: the covariance has no factor that was fitted to them.
 """
 
 from __future__ import annotations

@@ -24,11 +24,10 @@ def fitting_of(
     """What the refinement of thinned soundings needs."""
     noise = HeightNoise(math.hypot(elevation.sigma_m, thinned.sigma_m))
     false_slope = settings.false_slope * elevation.sigma_m / settings.correlation_m
-    level = settings.level_share * elevation.sigma_m
     share = independent_share(thinned, settings)
     side = math.sqrt(share * len(thinned.points_m) / BLOCKS)
     block = settings.correlation_m * min(max(side, SMALLEST), LARGEST)
-    return Fitting(terrain, thinned, prior, noise, block, share, false_slope, level)
+    return Fitting(terrain, thinned, prior, noise, block, share, false_slope)
 
 
 def independent_share(thinned: Soundings, settings: TerrainSettings) -> float:

@@ -13,9 +13,10 @@ from visloc_companion.errors import Reason
 from visloc_companion.localise.posterior import posterior
 from visloc_companion.localise.search import NO_SCORE
 from visloc_companion.localise.terrain import refine as fine
-from visloc_companion.localise.terrain.base import NoTerrainFix, Soundings, TerrainFix, TerrainPrior
+from visloc_companion.localise.terrain.base import Kind, NoTerrainFix, Soundings, TerrainFix, TerrainPrior
 from visloc_companion.localise.terrain.elevation import ElevationMap, Terrain
 from visloc_companion.localise.terrain.fitting import fitting_of, independent_share
+from visloc_companion.localise.terrain.neighbours import of_neighbours, squared_sigmas, weights_of
 from visloc_companion.localise.terrain.noise import HeightNoise
 from visloc_companion.localise.terrain.refine import Fitting, Refined
 from visloc_companion.localise.terrain.settings import TerrainSettings
@@ -32,8 +33,6 @@ COARSEST_M = 120.0
 SAME_CELLS = 2.0
 LATE_SHARE, FEWEST_LATE = 0.6, 100
 """Of a stretch that is too long to be searched under a wide prior, the latest part is, while so many soundings remain."""
-COVARIANCE_SCALE = (1.3, 1.0)
-"""Factors of the claimed covariance, horizontal and vertical (training seeds 100 and 101: benchmarks.terrain_fit)."""
 
 
 def locate(
@@ -69,9 +68,13 @@ def locate(
     fitting = fitting_of(terrain, thinned, prior, elevation, settings)
     found, weights = _refined(fitting, starts, prior)
     best = int(np.argmax(weights))
-    claimed = found[best].covariance[:2, :2] * COVARIANCE_SCALE[0] + np.eye(2) * elevation.sigma_ne_m**2
-    evidence = _evidence(fitting, found[best], claimed, 1 - float(weights[best]))
-    return _judged(soundings.t_ns, prior, found[best], claimed, evidence, settings)
+    place, about = found[best], np.eye(2) * elevation.sigma_ne_m**2
+    if soundings.kind is Kind.PROFILE:
+        place, spread = of_neighbours(fitting, place)
+        about += spread
+    claimed = place.covariance[:2, :2] + about
+    evidence = _evidence(fitting, place, claimed, 1 - float(weights[best]))
+    return _judged(soundings.t_ns, prior, place, claimed, evidence, settings)
 
 
 SEARCH_BLUR = 0.4
@@ -141,7 +144,7 @@ def _starts(volume: Volume, terrain: Terrain, prior: TerrainPrior, hypotheses: l
     v, u = np.mgrid[0:rows, 0:cols]
     cells = np.stack([v + scores.origin_px[1], u + scores.origin_px[0]], -1)
     ne = terrain.first_ne_m + cells * terrain.cell_m
-    away = _squared_sigmas(ne - np.array(prior.p_ne_m), prior, terrain.cell_m)
+    away = squared_sigmas(ne - np.array(prior.p_ne_m), prior, terrain.cell_m)
     known = scores.score > NO_SCORE
     weighted = scores.score - 0.5 * away
     lifted = np.where(known, weighted - weighted[known].min() + 1 if known.any() else 0, NO_SCORE).astype(np.float32)
@@ -158,11 +161,6 @@ def _starts(volume: Volume, terrain: Terrain, prior: TerrainPrior, hypotheses: l
     return starts
 
 
-def _squared_sigmas(away_ne_m: FloatArray, prior: TerrainPrior, extra_m: float) -> FloatArray:
-    cov = np.array(prior.cov_ne_m2) + np.eye(2) * extra_m**2
-    return np.asarray(np.einsum("...i,ij,...j->...", away_ne_m, np.linalg.inv(cov), away_ne_m))
-
-
 def _refined(fitting: Fitting, starts: list[FloatArray], prior: TerrainPrior) -> tuple[list[Refined], FloatArray]:
     """The refined places, each once, and their posterior probabilities under the prior."""
     found: list[Refined] = []
@@ -171,17 +169,7 @@ def _refined(fitting: Fitting, starts: list[FloatArray], prior: TerrainPrior) ->
         near = SAME_CELLS * fitting.terrain.cell_m
         if all(np.hypot(*(one.unknowns[:2] - other.unknowns[:2])) > near for other in found):
             found.append(one)
-    logs = np.array(
-        [
-            one.log_likelihood
-            - 0.5 * float(_squared_sigmas(one.unknowns[:2], prior, 0.0))
-            - 0.5 * (one.unknowns[2] / prior.sigma_h_m) ** 2
-            + 0.5 * float(np.linalg.slogdet(one.covariance[:3, :3])[1])
-            for one in found
-        ]
-    )
-    weights = np.exp(logs - logs.max())
-    return found, weights / weights.sum()
+    return found, weights_of(found, prior)
 
 
 def _evidence(fitting: Fitting, best: Refined, cov: FloatArray, others: float) -> Evidence:
@@ -215,7 +203,7 @@ def _judged(
         return NoTerrainFix(t_ns, *declined, numbers)
     north, east, up = (float(v) for v in best.unknowns[:3])
     (nn, ne), (_, ee) = cov
-    mean_m2, walk_m2 = float(best.covariance[2, 2]) * COVARIANCE_SCALE[1], prior.sigma_h_walk**2
+    mean_m2, walk_m2 = float(best.covariance[2, 2]), prior.sigma_h_walk**2
     return TerrainFix(
         t_ns,
         (prior.p_ne_m[0] + north, prior.p_ne_m[1] + east),

@@ -57,6 +57,14 @@ def expected_log_density(noise: HeightNoise) -> float:
     return float((density * log_density).sum() / density.sum())
 
 
+def told(noise: HeightNoise) -> float:
+    """What the mixture tells of a level, over what its soundings of the ground would tell if they were known to be ground:
+    E[score²] sigma² / P(ground), in (0, 1]. Where crowns begin just above the ground, these are not told apart."""
+    _, log_density, score, ground = _table(noise)
+    density = np.exp(log_density)
+    return float(density @ np.square(score)) * noise.sigma_m**2 / float(density @ ground)
+
+
 def refitted(noise: HeightNoise, difference_m: FloatArray, bounds_m: tuple[float, float], rounds: int = 3) -> HeightNoise:
     """Sigma (within bounds) and share of what stands on the ground by expectation maximisation."""
     for _ in range(rounds):

@@ -7,8 +7,9 @@ Zeger 1986),
 
     A^-1 (sum over blocks g g') A^-1,
 
-for errors of the model and crowns are alike over a block of ground: soundings beside each other do not count twice. It is pooled
-with that under the errors that a model is expected to have (correlation.py), since the blocks are few.
+for errors of the model and crowns are alike over a block of ground: soundings beside each other do not count twice. The blocks
+of a stretch are few, and a fit takes up what is alike over all of it: to their share comes, in full, what the errors that a model
+is expected to have leave (correlation.py), of the size that is stated for it and no smaller one that the residuals pretend.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 from visloc_companion.localise.terrain.base import Soundings, TerrainPrior
 from visloc_companion.localise.terrain.correlation import correlated_outer
 from visloc_companion.localise.terrain.elevation import Terrain
-from visloc_companion.localise.terrain.noise import HeightNoise, Parts, parts, refitted
+from visloc_companion.localise.terrain.noise import HeightNoise, Parts, parts, refitted, told
 from visloc_companion.localise.terrain.walked import Walked, walked
 from visloc_companion.types import FloatArray
 
@@ -40,7 +41,7 @@ SIGMA_BOUNDS = (0.5, 2.5)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """`unknowns` (10,) with covariance (10, 10) before calibration; `log_likelihood` (of independent soundings, the unknowns' own
+    """`unknowns` (10,) with covariance (10, 10); `log_likelihood` (of independent soundings, the unknowns' own
     included) and its `gain` on that of level ground; `ground` and `known`: share of soundings that are ground, and that lie on
     known model; `reliability` as `reliable_share`; the covariance's height is that of the mean over the soundings, which `walked`
     carries to a time.
@@ -61,7 +62,7 @@ class Refined:
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitting:
     """What the fit is of: `block_m` is the side of a block, `temper` the share of soundings that is independent, `false_slope`
-    the slope (metres a metre, per axis, 1-sigma) that the model's errors pretend, `sigma_level_m` that of its level."""
+    the slope (metres a metre, per axis, 1-sigma) that the model's errors pretend."""
 
     terrain: Terrain
     soundings: Soundings
@@ -70,7 +71,12 @@ class Fitting:
     block_m: float
     temper: float
     false_slope: float
-    sigma_level_m: float
+
+    @property
+    def few(self) -> float:
+        """What linear propagation has too little of the variance: the unknowns are as many as some of the soundings that are
+        independent of each other, so that they follow errors as well as ground (a beam: ten and twenty)."""
+        return 1 + N_UNKNOWNS / max(self.temper * len(self.soundings.points_m), 1.0)
 
 
 def refine(fitting: Fitting, start: FloatArray) -> Refined:
@@ -114,13 +120,14 @@ def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: 
     spread, n_blocks = _spread(fitting, J * (p.score * known)[:, None])
     share = n_blocks / (n_blocks + PRIOR_BLOCKS)
     own = _correlated(fitting, J, np.maximum(p.ground, LEAST_GROUND) * known, noise.sigma_m)
-    pooled = fitting.temper**2 * (share * spread + (1 - share) * own) + weight
+    own *= fitting.few * max(1.0, fitting.noise.sigma_m / noise.sigma_m) ** 2
+    pooled = fitting.temper**2 * (share * spread + own) + weight
     reliability = reliable_share(fitting, unknowns, difference, p.ground * known)
-    true = _scaled(full, np.eye(2) * math.sqrt(max(reliability, LEAST_RELIABLE)))
+    true = told(noise) * _scaled(full, np.eye(2) * math.sqrt(max(reliability, LEAST_RELIABLE)))
     inverse = np.linalg.inv(fitting.temper * true + weight + 1e-9 * np.eye(N_UNKNOWNS))
     covariance = inverse @ pooled @ inverse
     covariance[:2, :2] += np.eye(2) * fitting.prior.sigma_wander_m**2
-    covariance[2, 2] += fitting.sigma_level_m**2 + STANDS * max(0.0, noise.sigma_m**2 - fitting.noise.sigma_m**2)
+    covariance[2, 2] += STANDS * max(0.0, noise.sigma_m**2 - fitting.noise.sigma_m**2)
     density = fitting.temper * float(p.log_density[known].sum())
     level = fitting.temper * _level_log_density(fitting, known)
     return Refined(
@@ -138,7 +145,7 @@ def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: 
 
 
 PRIOR_BLOCKS = 36.0
-"""How many blocks the expected errors are worth against the blocks of this stretch."""
+"""From how many blocks on half of what they spread by counts."""
 STANDS = 0.5
 """Share of the residuals' variance beyond the expected one that is the height's: low crowns taken for ground widen it and
 lift the height by as much (training seeds 100 to 102 over real ground: error over sigma 1.3 without it, from 1 m² on)."""

@@ -8,18 +8,15 @@ from dataclasses import dataclass
 @dataclass(frozen=True, slots=True)
 class TerrainSettings:
     """`correlation_m`: side of the ground over which errors of the model and crowns are alike (one independent sounding each);
-    `false_slope`: slope that the model's own errors pretend, in its sigma over that length; `level_share`: error of its
-    level over a stretch that correlation.py does not know, in its sigma (seeds 100 to 102 over real ground);
-    `thin_cell_m`: the lowest sounding of each such cell is used; `max_sigma_m`: worst 1-sigma of a fix, or `sigma_share` of
-    the prior's where that is more (a lost vehicle is helped by little); `max_probability_wrong`:
-    what is still answered; `search_cell_m`: the search's cells are no finer; `most_work`: cells times hypotheses
-    of the search, more than which makes its cells coarser."""
+    `false_slope`: slope that the model's own errors pretend, in its sigma over that length; `thin_cell_m`: the lowest
+    sounding of each such cell is used; `max_sigma_m`: worst 1-sigma of a fix, or `sigma_share` of the prior's where that is
+    more (a lost vehicle is helped by little); `max_probability_wrong`: what is still answered; `search_cell_m`: the search's
+    cells are no finer; `most_work`: cells times hypotheses of the search, more than which makes its cells coarser."""
 
     correlation_m: float = 90.0
     false_slope: float = 1.5
-    level_share: float = 0.5
     thin_cell_m: float = 10.0
-    max_sigma_m: float = 8.0
+    max_sigma_m: float = 10.0
     sigma_share: float = 0.2
     max_probability_wrong: float = 0.1
     search_cell_m: float = 20.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visloc_companion.localise.terrain.noise import RANGE_M, HeightNoise, expected_log_density, parts, refitted
+from visloc_companion.localise.terrain.noise import RANGE_M, HeightNoise, expected_log_density, parts, refitted, told
 
 NOISE = HeightNoise(1.5)
 AT = np.arange(-60, 100, 0.05)
@@ -48,3 +48,17 @@ def test_the_expected_log_density_is_that_of_samples() -> None:
     rng = np.random.default_rng(2)
     d = AT[rng.choice(len(AT), 20000, p=(w := np.exp(parts(NOISE, AT).log_density)) / w.sum())]
     assert expected_log_density(NOISE) == pytest.approx(parts(NOISE, d).log_density.mean(), abs=0.08)
+
+
+def test_what_a_mixture_tells_is_by_how_much_a_level_scatters_that_is_fitted_to_it() -> None:
+    """Levels fitted to many drawn sets of soundings scatter by the square root of 1 / (told P(ground) N) sigma."""
+    noise, rng, n = HeightNoise(1.0, standing=0.6), np.random.default_rng(3), 400
+    kind = rng.random((500, n))
+    drawn = rng.normal(0, 1.0, kind.shape) + np.where(kind < noise.standing, rng.uniform(0, 28, kind.shape), 0)
+    drawn = np.where(kind > 1 - noise.outliers, rng.uniform(-100, 100, kind.shape), drawn)
+    levels = np.linspace(-0.6, 0.6, 41)
+    likeliest = levels[np.argmax([parts(noise, drawn - level).log_density.sum(1) for level in levels], axis=0)]
+    ground = 1 - noise.standing - noise.outliers
+    assert 1 / (float(np.var(likeliest)) * ground * n) == pytest.approx(told(noise), rel=0.15)
+    assert told(noise) < 0.9
+    assert told(HeightNoise(1.0, standing=0.0, outliers=0.0)) == pytest.approx(1.0, abs=0.01)
