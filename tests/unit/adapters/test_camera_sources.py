@@ -181,9 +181,9 @@ async def test_a_video_is_timed_by_its_rate_or_by_the_table_beside_it(tmp_path: 
     frames = await all_of(VideoCamera(path, MODEL, JumpingClock()), slots)
     assert [frame.t_ns - frames[0].t_ns for frame in frames] == [0, 100_000_000, 200_000_000, 300_000_000]
     assert [int(p[20, 20, 0]) for p in slots.pictures] == pytest.approx([60, 90, 120, 150], abs=6)
-    path.with_suffix(".csv").write_text("t_us\n7000000\n7500000\n8000000.0\n8e6\n", encoding="utf-8")
+    path.with_suffix(".csv").write_text("t_us\n7000000\n7500000\n8000000.0\n8.5e6\n", encoding="utf-8")
     timed = await all_of(VideoCamera(path, MODEL, JumpingClock()), Slots())
-    assert [frame.t_ns - timed[0].t_ns for frame in timed] == [0, 500_000_000, 1_000_000_000, 1_000_000_000]
+    assert [frame.t_ns - timed[0].t_ns for frame in timed] == [0, 500_000_000, 1_000_000_000, 1_500_000_000]
 
 
 async def test_a_video_of_varying_rate_is_timed_by_its_stamps(tmp_path: Path) -> None:
