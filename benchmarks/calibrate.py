@@ -122,7 +122,8 @@ def _fitted(samples: Samples, judged: Samples) -> None:
 
 
 def _fit(samples: Samples, which: NDArray[np.bool_]) -> Array:
-    return fit_logistic(samples.x[which], samples.right[which], samples.sure[which], samples.fewer[which], RIDGE, samples.signs)
+    chosen = samples.x[which], samples.right[which], samples.sure[which], samples.fewer[which]
+    return fit_logistic(*chosen) if samples.signs is None else fit_logistic(*chosen, RIDGE, samples.signs)
 
 
 def _claims(samples: Samples, weights: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from random import Random
 from typing import Any, cast
@@ -32,9 +32,11 @@ from visloc_companion.localise.runtime import run_onnx
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.protocols import ReferenceMap
+from visloc_companion.sim import faults
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.render_motion import STILL, Shot
+from visloc_companion.sim.scenarios import FLIGHTS, SCENARIOS
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, Fix, FloatArray, GeoPoint, Image, LocaliseRequest, NoFix, Quat, Vec3
 
@@ -94,6 +96,12 @@ def make_oracle_eyes(seed: int = 5, **how: Any) -> Eyes:
 def oracle_eyes() -> Callable[..., Eyes]:
     """`oracle_eyes(seed, sigma_m=, misses=, bias_ned_m=)`: the camera of poses and the oracle that reads them."""
     return make_oracle_eyes
+
+
+@pytest.fixture
+def short_jam(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half a minute, jammed after 12 s: what is told of a flight does not depend on its length."""
+    monkeypatch.setitem(FLIGHTS, "jam", replace(SCENARIOS["jam"], duration_s=30.0, faults=faults.jam(12.0)))
 
 
 @dataclass(frozen=True)

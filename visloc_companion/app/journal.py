@@ -29,7 +29,7 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from visloc_companion.app import journal_header
+from visloc_companion.app.journal_header import OTHER_VERSION, JournalHeader, header_of
 from visloc_companion.app.salvage import OnDamage, Record, read_records
 from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, from_dict, json_schema, to_json
 from visloc_companion.errors import JournalError, fault_text
@@ -47,9 +47,6 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 """Tells a frame whose channel was described in a chunk that was lost."""
 _parse = json.JSONDecoder().raw_decode
 _HEADER, _MAVLINK_IN, _MAVLINK_OUT, _NOTICE, _FRAME = "/header", "/mavlink/in", "/mavlink/out", "/shell/Notice", "/camera/png"
-
-
-JournalHeader = journal_header.JournalHeader
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +91,7 @@ def read_header(path: Path) -> JournalHeader:
     """The first record. Raises JournalError where there is none."""
     for record in _records(path, True, None):
         if record.topic == _HEADER:
-            return journal_header.header_of(_parsed(record, path), path)
+            return header_of(_parsed(record, path), path)
     remedy = "it was cut in its first second, or damaged there: give the flight's configuration with --salvage --config FILE"
     raise JournalError("holds no header", where=str(path), remedy=remedy)
 
@@ -162,7 +159,7 @@ def _thing(data: Any, record: Record, path: Path) -> Any:
     try:
         return from_dict(data)
     except JournalError as why:
-        raise JournalError(f"record {record.sequence}: {why.what}", where=str(path), remedy=journal_header.OTHER_VERSION) from why
+        raise JournalError(f"record {record.sequence}: {why.what}", where=str(path), remedy=OTHER_VERSION) from why
 
 
 # --------------------------------------------------------------------------------------------------------------- writing

@@ -26,14 +26,21 @@ class JournalHeader:
 
 
 def header_of(data: Any, path: Path) -> JournalHeader:
-    """The header that was parsed from the journal `path`. Raises JournalError naming what of it is not this version's."""
-    wrong = "it is no object"
-    if isinstance(data, dict):
-        names = {item.name for item in fields(JournalHeader)}
-        ill = [name for name, value in data.items() if name in names and type(value) is not _KINDS.get(name, int)]
-        unknown, missing = sorted(data.keys() - names), [] if "configuration" in data else ["configuration"]
-        told = {"unknown": unknown, "missing": missing, "of another kind": ill}
-        wrong = ", ".join(f"{what}: {', '.join(found)}" for what, found in told.items() if found)
-    if wrong and not (isinstance(data, dict) and ill == ["schema"]):  # which is told as another schema
-        raise JournalError(f"its header cannot be read: {wrong}", where=str(path), remedy=OTHER_VERSION)
+    """The header that was parsed from the journal `path`. Raises JournalError naming what of it is not this version's; of its
+    `schema`, whatever that is, the reader tells."""
+    if not isinstance(data, dict):
+        raise _unreadable("it is no object", path)
+    names = {item.name for item in fields(JournalHeader)}
+    kinds = {name: _KINDS.get(name, int) for name in names - {"schema"}}
+    told = {
+        "unknown": sorted(data.keys() - names),
+        "missing": [] if "configuration" in data else ["configuration"],
+        "of another kind": [name for name, value in data.items() if name in kinds and type(value) is not kinds[name]],
+    }
+    if wrong := ", ".join(f"{what}: {', '.join(found)}" for what, found in told.items() if found):
+        raise _unreadable(wrong, path)
     return JournalHeader(**data)
+
+
+def _unreadable(wrong: str, path: Path) -> JournalError:
+    return JournalError(f"its header cannot be read: {wrong}", where=str(path), remedy=OTHER_VERSION)

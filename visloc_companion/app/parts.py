@@ -14,8 +14,9 @@ from typing import TypeVar
 from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.ground_check import open_pack
 from visloc_companion.app.handover import Handover, Left
-from visloc_companion.app.journal import JournalHeader, JournalWriter
+from visloc_companion.app.journal import JournalWriter
 from visloc_companion.app.journal_folder import delete_outgrown
+from visloc_companion.app.journal_header import JournalHeader
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.status import require_status_socket
 from visloc_companion.app.versions import versions

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from visloc_companion.app.journal import Entry, JournalHeader, read_header, read_journal
+from visloc_companion.app.journal import Entry, read_header, read_journal
+from visloc_companion.app.journal_header import JournalHeader
 from visloc_companion.app.rounding import largest_difference
 from visloc_companion.app.serialise import to_json
 from visloc_companion.app.settings import core_settings

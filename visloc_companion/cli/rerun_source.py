@@ -13,7 +13,8 @@ import numpy as np
 
 from visloc_companion.adapters.camera.calibration import wrong_size
 from visloc_companion.app.ground_check import ground_of
-from visloc_companion.app.journal import Entry, JournalHeader, header_left, read_frames, read_header, read_journal
+from visloc_companion.app.journal import Entry, header_left, read_frames, read_header, read_journal
+from visloc_companion.app.journal_header import JournalHeader
 from visloc_companion.app.replay import flown_config
 from visloc_companion.app.rerun import RecordedFrames, recorded_latency_ns, rerun
 from visloc_companion.app.settings import core_settings

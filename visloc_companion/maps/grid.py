@@ -15,7 +15,7 @@ from visloc_companion.maps.around import MAX_POINTS, on_the_ground, sampled_surf
 from visloc_companion.maps.crs import Linearisation, MapCrs
 from visloc_companion.maps.ground_pixel import ground_gsd_m
 from visloc_companion.maps.layer import Layer
-from visloc_companion.maps.places import near_middle, pix_of_geo
+from visloc_companion.maps.places import middle_of, near_middle, pix_of_geo
 from visloc_companion.maps.warp import interpolate, warp_affine, warp_places
 from visloc_companion.types import FloatArray, GeoPoint, ReferencePatch
 
@@ -64,9 +64,7 @@ class GridMap:
     @property
     def center_map_m(self) -> tuple[float, float]:
         """Easting and northing of the middle of the raster."""
-        rows, cols = self.shape
-        middle = apply_affine(self.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))
-        return float(middle[0]), float(middle[1])
+        return middle_of(self._pixels)
 
     @property
     def corners_map_m(self) -> FloatArray:

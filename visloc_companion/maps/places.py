@@ -22,8 +22,14 @@ def pix_of_geo(layer: Layer, crs: MapCrs, lat_lon_deg: FloatArray) -> FloatArray
     return apply_affine(invert_affine(layer.T_map_pix), places)
 
 
+def middle_of(layer: Layer) -> tuple[float, float]:
+    """Easting and northing (map units) of a layer's middle."""
+    rows, cols = layer.shapes[0]
+    easting, northing = apply_affine(layer.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))
+    return float(easting), float(northing)
+
+
 def near_middle(layer: Layer, turn: float, eastings: FloatArray) -> FloatArray:
     """Eastings as the layer would have them: within half a turn (map units) of its middle."""
-    rows, cols = layer.shapes[0]
-    west = float(apply_affine(layer.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))[0]) - turn / 2
+    west = middle_of(layer)[0] - turn / 2
     return np.asarray(eastings - turn * np.floor((eastings - west) / turn), dtype=np.float64)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from visloc_companion.geo.raster import apply_affine
 from visloc_companion.maps.geotiff import layer_of, open_dsm, open_ortho
 from visloc_companion.maps.grid import GridMap, Heights
+from visloc_companion.maps.places import middle_of
 from visloc_companion.maps.seamless import seam_away
 
 
@@ -22,13 +20,11 @@ class RasterMap(GridMap):
         Raises MapError for a file that cannot be read or is damaged, DatumMissing for one without a CRS or georeference.
         """
         image = open_ortho(ortho)
-        gsd_m = image.gsd_m
+        pixels, gsd_m = layer_of(image), image.gsd_m
         if dsm is None:
             heights = Heights(None, image.crs, ground_h_amsl_m)
         else:
             surface = open_dsm(dsm)
-            rows, cols = image.shape
-            middle = apply_affine(image.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))
-            here = image.crs.to_geo(float(middle[0]), float(middle[1]))
+            here = image.crs.to_geo(*middle_of(pixels))
             heights = Heights(seam_away(layer_of(surface), surface.crs, here), surface.crs, ground_h_amsl_m)
-        return cls(image.crs, layer_of(image), heights, gsd_m)
+        return cls(image.crs, pixels, heights, gsd_m)

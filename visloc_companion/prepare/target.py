@@ -15,6 +15,7 @@ from visloc_companion.maps.crs import MapCrs, utm_at
 from visloc_companion.maps.geotiff import Stretch, layer_of, open_ortho
 from visloc_companion.maps.layer import Layer
 from visloc_companion.maps.outlasts import outlasts_geotiff
+from visloc_companion.maps.places import middle_of
 from visloc_companion.maps.spilled import Spill
 from visloc_companion.types import FloatArray
 
@@ -116,7 +117,7 @@ def finer_than_first(sources: Sequence[Source], smallest_m: float = 0.0) -> list
 def pack_crs(first: Source) -> MapCrs:
     """The orthophoto's own CRS if it is projected, in metres, true to scale within 2 % there, not mirrored (as Krovak's southings
     and westings are: frames match no mirror image), and comes out of a GeoTIFF as it went in; else the place's UTM zone."""
-    easting, northing = _middle(first)
+    easting, northing = middle_of(first.layer)
     here = first.crs.linearised_at_map(easting, northing)
     stretch = np.linalg.svd(here.J_map_ne, compute_uv=False)
     is_true = float(np.abs(stretch - 1).max()) < 0.02 and float(np.linalg.det(here.J_map_ne)) < 0
@@ -125,17 +126,10 @@ def pack_crs(first: Source) -> MapCrs:
     return utm_at(*first.crs.to_geo(easting, northing))
 
 
-def _middle(source: Source) -> tuple[float, float]:
-    """Easting and northing (map units) of a raster's middle."""
-    rows, cols = source.layer.shapes[0]
-    middle = apply_affine(source.layer.T_map_pix, np.array([(cols - 1) / 2, (rows - 1) / 2]))
-    return float(middle[0]), float(middle[1])
-
-
 def _refuse_polar_degrees(source: Source) -> None:
     if not source.crs.is_geographic:
         return
-    lat_deg, _ = source.crs.to_geo(*_middle(source))
+    lat_deg, _ = source.crs.to_geo(*middle_of(source.layer))
     if not UTM_DEG[0] <= lat_deg <= UTM_DEG[1]:
         polar = "EPSG:5041" if lat_deg > 0 else "EPSG:5042"
         raise MapError(

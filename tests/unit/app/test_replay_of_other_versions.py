@@ -64,6 +64,7 @@ def test_an_entry_of_another_version_is_told_with_file_and_record(
     ("changed", "told"),
     [
         ({"extra": 1}, "unknown: extra"),
+        ({"schema": "2", "extra": 1}, "unknown: extra"),
         ({"versions": ["a"]}, "of another kind: versions"),
         ({"started_unix_ns": None, "configuration": None}, "of another kind: configuration, started_unix_ns"),
     ],

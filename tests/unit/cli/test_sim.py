@@ -7,7 +7,7 @@ import errno
 import json
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +24,9 @@ from visloc_companion.evaluate.closed_loop import FlightWorld
 from visloc_companion.evaluate.record import from_entries
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare import world
-from visloc_companion.sim import faults
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.real.scenarios import NAMES
-from visloc_companion.sim.scenarios import FLIGHTS, SCENARIOS
+from visloc_companion.sim.scenarios import SCENARIOS
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightSetup
 
@@ -54,12 +53,6 @@ def flown_by_hand(number: int, spec: FlightSpec, *, passed: bool = True) -> Flow
 @pytest.fixture
 def places(tiny_world: Any) -> list[str]:
     return ["--map", str(tiny_world.pack), "--camera-ortho", str(tiny_world.ortho), "--camera-dsm", str(tiny_world.dsm)]
-
-
-@pytest.fixture
-def short_jam(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Half a minute, jammed after 12 s: what is told of a flight does not depend on its length."""
-    monkeypatch.setitem(FLIGHTS, "jam", replace(SCENARIOS["jam"], duration_s=30.0, faults=faults.jam(12.0)))
 
 
 def test_beside_a_pipe_there_are_no_epochs(tmp_path: Path) -> None:

@@ -30,7 +30,6 @@ from visloc_companion.evaluate.campaign import (
 from visloc_companion.evaluate.closed_loop import FlightWorld, simulated_config
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
-from visloc_companion.sim import faults
 from visloc_companion.sim.flight import Eyes
 from visloc_companion.sim.scenarios import DEMO, SCENARIOS, SEASON_CHANGE
 from visloc_companion.sim.setup import FlightSetup
@@ -49,12 +48,6 @@ MakeEyes = Callable[..., Eyes]
 @pytest.fixture
 def spec(tiny_world: Any) -> FlightSpec:
     return FlightSpec("jam", tiny_world.pack, tiny_world.ortho, tiny_world.dsm)
-
-
-@pytest.fixture
-def short_jam(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Half a minute, jammed after 12 s."""
-    monkeypatch.setitem(campaign.FLIGHTS, "jam", replace(SCENARIOS["jam"], duration_s=30.0, faults=faults.jam(12.0)))
 
 
 def numbers(value: Any) -> list[float]:

@@ -9,7 +9,7 @@ from tests.unit.prepare.board_pictures import FISHEYE, RATIONAL, corners_seen, p
 from visloc_companion.prepare.defaults import DEFAULT_BOARD
 from visloc_companion.prepare.lens.board import parse_board
 from visloc_companion.prepare.lens.calibrate import calibrate
-from visloc_companion.prepare.lens.centre import off_centre
+from visloc_companion.prepare.lens.centre import OffCentre, off_centre
 from visloc_companion.prepare.lens.choose import MODELS, Candidate, candidates, chosen
 from visloc_companion.prepare.lens.document import document, lines
 from visloc_companion.prepare.lens.fit import fit
@@ -62,7 +62,7 @@ def test_a_model_that_has_the_term_needs_no_other() -> None:
 
 
 def judged(kind: DistortionModel, held_out_px: list[float], off: bool = False) -> Candidate:
-    return Candidate(kind, None, np.square(held_out_px), "", off)
+    return Candidate(kind, None, np.square(held_out_px), "", OffCentre(np.zeros(8), off))
 
 
 def test_one_view_that_nothing_else_tells_of_does_not_decide() -> None:

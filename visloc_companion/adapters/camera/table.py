@@ -61,10 +61,12 @@ def times_of_video(table: Path, video: Path, kind: ErrorKind = CameraError) -> t
     times_us: list[int] = []
     for number, row in enumerate(rows, start=1):
         times_us.append(_time_us(table, number, row, kind))
-        if number > 1 and times_us[-1] <= times_us[-2]:
-            same = times_us[-1] == times_us[-2]
-            what = f"has the time of row {number - 1}, and each frame one of its own" if same else "goes back"
-            raise refuse(table, number, "t_us", what, f"write finer times; {_A_ROW_EACH}" if same else _A_ROW_EACH, kind)
+        after_us = times_us[-1] - times_us[-2] if number > 1 else 1
+        if after_us < 0:
+            raise refuse(table, number, "t_us", "goes back", _A_ROW_EACH, kind)
+        if after_us == 0:
+            what = f"has the time of row {number - 1}, and each frame one of its own"
+            raise refuse(table, number, "t_us", what, f"write finer times; {_A_ROW_EACH}", kind)
     named = [row["file"] for row in rows if row.get("file") and row["file"] != video.name]
     if pictures := [name for name in named if (table.parent / name).is_file()]:
         raise kind(

@@ -24,9 +24,8 @@ SIGMAS, MARGIN_CELLS = 3.0, 6
 HEIGHT_SIGMA_M = 0.5
 """1-sigma of a sounding beside the map's: range, barometer's noise and attitude."""
 ENOUGH_M, ENOUGH_SHARE = 8.0, 0.4
-"""Ground that promises this 1-sigma, or this share of the prior's, is matched before the stretch is as long as it may be."""
-WORST_M = 10.0
-"""Worst 1-sigma of a fix, or ENOUGH_SHARE of the prior's: a promise does not know the noise yet, and claims come out larger."""
+"""Ground that promises this 1-sigma, or this share of the prior's, is matched before the stretch is as long as it may be. A
+promise does not know the noise yet: fixes may claim more (TerrainSettings.max_sigma_m)."""
 
 
 def answer_terrain(
@@ -38,7 +37,7 @@ def answer_terrain(
     navigation filter adds once to what it states (`navigator.map_sigma_m`).
     """
     watch = Stopwatch()
-    settings = TerrainSettings(max_sigma_m=WORST_M, sigma_share=ENOUGH_SHARE, max_probability_wrong=max_probability_wrong)
+    settings = TerrainSettings(sigma_share=ENOUGH_SHARE, max_probability_wrong=max_probability_wrong)
     soundings, prior = _soundings(request), _prior(request, max_search_radius_m)
     if not len(soundings.points_m):
         return _no_fix(request, NoTerrainFix(request.t_ns, Reason.TOO_FEW_FEATURES, "no soundings"), watch)

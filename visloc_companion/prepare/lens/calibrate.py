@@ -12,7 +12,7 @@ import numpy as np
 from visloc_companion.errors import CameraError
 from visloc_companion.prepare.lens.agree import Scatter, scatter
 from visloc_companion.prepare.lens.board import Board
-from visloc_companion.prepare.lens.centre import OffCentre, off_centre
+from visloc_companion.prepare.lens.centre import OffCentre
 from visloc_companion.prepare.lens.choose import MODELS, Candidate, candidates, chosen
 from visloc_companion.prepare.lens.coverage import Coverage, coverage
 from visloc_companion.prepare.lens.flat import Warp, warp
@@ -46,7 +46,11 @@ class Calibration:
     covariance: FloatArray
     sheet: Warp
     scatter: Scatter
-    off_centre: OffCentre
+
+    @property
+    def off_centre(self) -> OffCentre:
+        """What the views tell of a lens out of centre."""
+        return self.candidate.off_centre
 
     @property
     def sigmas(self) -> dict[str, float]:
@@ -109,9 +113,8 @@ def calibrate(
         why = "; ".join(f"{each.kind}: {each.why_not}" for each in judged)
         raise CameraError(f"no model fits: {why}", where=f"{len(views)} views", remedy=_MORE)
     lens = candidate.lens
-    off = off_centre(lens, views)
-    sure = covariance(lens, views) + np.outer(off.step, off.step)
-    told = sure, warp(lens, views, board), scatter(lens, views), off
+    step = candidate.off_centre.step
+    told = covariance(lens, views) + np.outer(step, step), warp(lens, views, board), scatter(lens, views)
     return Calibration(board, looked, views, outlying, strays, judged, candidate, lens, *told)
 
 

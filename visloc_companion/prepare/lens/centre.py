@@ -31,6 +31,10 @@ class OffCentre:
     sure: bool
 
 
+IN_CENTRE = OffCentre(np.zeros(0), False)
+"""Of a model that was not fitted."""
+
+
 def off_centre(lens: Lens, views: Sequence[View]) -> OffCentre:
     """As far as the views tell; no step for a model that has the term itself."""
     nothing = OffCentre(np.zeros(4 + len(lens.model.distortion)), False)

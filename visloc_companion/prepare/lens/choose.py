@@ -11,7 +11,7 @@ import numpy as np
 from visloc_companion.adapters.camera.calibration import lens_model
 from visloc_companion.config import parse_config
 from visloc_companion.errors import ConfigError
-from visloc_companion.prepare.lens.centre import off_centre
+from visloc_companion.prepare.lens.centre import IN_CENTRE, OffCentre, off_centre
 from visloc_companion.prepare.lens.fit import NoFit, fit
 from visloc_companion.prepare.lens.section import section
 from visloc_companion.prepare.lens.view import Lens, View, placed, residuals_px
@@ -30,14 +30,14 @@ where it is held out, under the right model as well, for nothing tells that what
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
     """A model fitted to all views, with the (V,) mean square, px², of each view's residuals (of both axes) under the lens that
-    was fitted without it. `off_centre`: whether the lens is out of centre, which the model cannot say; `why_not`: what forbids
-    it, empty where nothing does."""
+    was fitted without it. `off_centre`: what the views tell of a lens out of centre, which the model cannot say; `why_not`: what
+    forbids it, empty where nothing does."""
 
     kind: DistortionModel
     lens: Lens | None
     held_out_px2: FloatArray
     why_not: str = ""
-    off_centre: bool = False
+    off_centre: OffCentre = IN_CENTRE
 
     @property
     def rms_px(self) -> float:
@@ -69,7 +69,7 @@ def chosen(of: Sequence[Candidate]) -> Candidate | None:
 
 def is_worse(one: Candidate, other: Candidate) -> bool:
     """Whether one model errs more than another, or as much and for a lens out of centre has nothing, which the other has."""
-    return errs_more(one, other) or (one.off_centre and not other.off_centre and not errs_more(other, one))
+    return errs_more(one, other) or (one.off_centre.sure and not other.off_centre.sure and not errs_more(other, one))
 
 
 def errs_more(one: Candidate, other: Candidate) -> bool:
@@ -96,4 +96,4 @@ def _judged(kind: DistortionModel, views: Sequence[View], size_px: tuple[int, in
         return Candidate(kind, None, np.zeros(0), str(why))
     except ConfigError as why:
         return Candidate(kind, whole, held_out, why.what)
-    return Candidate(kind, whole, held_out, off_centre=off_centre(whole, views).sure)
+    return Candidate(kind, whole, held_out, off_centre=off_centre(whole, views))
