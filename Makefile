@@ -14,11 +14,20 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check 
 
 install: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "error: Python 3.11 or newer is needed; set PYTHON=..." >&2; exit 2; }
-	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { echo "error: no venv module; remedy: apt-get install python3-venv" >&2; exit 2; }
+$(STAMP): pyproject.toml constraints.txt | $(BIN)/pip
 	$(PIP_INSTALL) -e '.[cpu,prep,web,eval,dev]'
 	@touch $(STAMP)
+
+# Debian and Ubuntu keep venv in a package of its own, which a fresh machine lacks.
+$(BIN)/pip:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "error: Python 3.11 or newer is needed; set PYTHON=..." >&2; exit 2; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	  package=$$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'); \
+	  as_root=; [ "$$(id -u)" -eq 0 ] || as_root=sudo; \
+	  echo "$(PYTHON) has no venv module: installing the package $$package (apt-get)" >&2; \
+	  { $$as_root apt-get update -qq && $$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$package; } >/dev/null \
+	    || { echo "error: no venv module; remedy: apt-get install $$package, or set PYTHON=..." >&2; exit 2; }; }
+	@$(PYTHON) -m venv $(VENV)
 
 # PyTorch takes 750 MB, and many times that where the package index only has builds for GPUs; only training needs it.
 # Without a GPU: name the index of its builds for CPUs in PIP_EXTRA_INDEX_URL.
