@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import struct
 import tracemalloc
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,16 @@ from visloc_companion.adapters.logs.tlog import read_tlog, records_of
 from visloc_companion.errors import LogError
 from visloc_companion.geo.se3 import euler_from_quat
 from visloc_companion.geo.wgs84 import ned_from_geo
-from visloc_companion.types import Attitude, AutopilotKind, Gnss, LinkChanged, LocalPose, OriginChanged, PriorPose
+from visloc_companion.types import (
+    Attitude,
+    AutopilotKind,
+    EstimatorStatus,
+    Gnss,
+    LinkChanged,
+    LocalPose,
+    OriginChanged,
+    PriorPose,
+)
 
 UNIX_US = 1_600_000_000_000_000
 LAT, LON = 47.4, 8.55
@@ -324,3 +334,34 @@ def test_a_first_receiver_that_a_companion_plays_is_told(tmp_path: Path, name: b
     parameter = stamped(UNIX_US + 4_950_000, mav.param_value_encode(name, kind, 2, 1200, 7), mav)
     recording = read_tlog(write(tmp_path / "a.tlog", *flight(mavlink2), parameter))
     assert sum("plays by GPS_INPUT" in note for note in recording.notes) == n
+
+
+def test_packets_that_tell_of_no_flight_are_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mav = writer(mavlink2)
+    unread = [stamped(UNIX_US + 100_000 * k, mav.vfr_hud_encode(11.0, 11.0, 90, 50, 500.0, 0.0), mav) for k in range(50)]
+    decoded: Counter[str] = Counter()
+    decode = mavlink2.MAVLink.decode
+
+    def counted(self: Any, packet: bytearray) -> Any:
+        message = decode(self, packet)
+        decoded[message.get_type()] += 1
+        return message
+
+    monkeypatch.setattr(mavlink2.MAVLink, "decode", counted)
+    path = write(tmp_path / "a.tlog", *(piece for pair in zip(flight(mavlink2), unread, strict=False) for piece in pair))
+    assert any(isinstance(event, Attitude) for _, event in read_tlog(path).events)
+    assert decoded["VFR_HUD"] == 50
+    assert decoded["ATTITUDE"] > 0
+    assert decoded["ATTITUDE"] % 2 == 0
+
+
+@pytest.mark.parametrize("dialect", [mavlink1, mavlink2])
+def test_packets_that_tell_of_no_flight_still_tell_the_time(tmp_path: Path, dialect: Any) -> None:
+    mav = writer(dialect)
+    channels = mav.rc_channels_encode(70_000, 8, *[1500] * 18, 255)
+    status = mav.ekf_status_report_encode(0x1F, 0.1, 0.1, 0.1, 0.1, 0.1)
+    late = [stamped(UNIX_US + 10_000_000, message, mav) for message in (channels, status)]
+    recording = read_tlog(write(tmp_path / "a.tlog", *flight(dialect, 20), *late))
+    t_ns, event = recording.events[-1]
+    assert isinstance(event, EstimatorStatus)
+    assert t_ns == 70_000_000_000

@@ -31,7 +31,7 @@ from visloc_companion.adapters.logs.recording import (
     in_order,
     read_bytes,
 )
-from visloc_companion.adapters.mavlink.codec import decode, is_autopilot
+from visloc_companion.adapters.mavlink.codec import DECODED, decode, is_autopilot
 from visloc_companion.adapters.mavlink.codec_gimbal import is_of_gimbal
 from visloc_companion.adapters.mavlink.dialect import Message, mav
 from visloc_companion.adapters.mavlink.link_state import LinkState
@@ -43,16 +43,32 @@ _START = re.compile(b"[\xfd\xfe]")
 _EARLIEST_US, _LATEST_US = 946_684_800_000_000, 4_102_444_800_000_000
 """The years 2000 to 2100: what an autopilot may say of UTC. Stamps begin in 1970, as computers without a clock do."""
 _ANCHOR_RECORDS = 5000
+_TOLD = frozenset(number for number, kind in mav.mavlink_map.items() if kind.msgname in {*DECODED, "SYSTEM_TIME", "GPS_RAW_INT"})
+"""Numbers of the messages that tell of the flight or its clocks: most of a log does not, beside the boot time."""
 _Source = tuple[int, int]
 """System and component."""
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One packet with the ground station's stamp, microseconds since 1970."""
+    """One packet: where its record begins in the file, the ground station's stamp, microseconds since 1970, and what it says."""
 
+    at: int
     wall_us: int
     message: Message
+
+
+@dataclass(slots=True)
+class _Packets:
+    """Of all packets, in the order of the file: where their records begin, and their boot time (ms), 0 where they state none."""
+
+    at: array[int] = field(default_factory=lambda: array("q"))
+    boot_ms: array[int] = field(default_factory=lambda: array("q"))
+
+    def add(self, record: Record, boot_ms: int | None) -> None:
+        """One more."""
+        self.at.append(record.at)
+        self.boot_ms.append(boot_ms or 0)
 
 
 @dataclass(slots=True)
@@ -68,8 +84,8 @@ class _Heard:
     first_is_played: bool = False
     second_is_played: bool = False
 
-    def add(self, record: Record) -> None:
-        """Take its next packet."""
+    def add(self, record: Record, boot_ms: int | None) -> None:
+        """Take its next packet, which states a boot time or none."""
         self.first_us = self.first_us or record.wall_us
         self.records += 1
         self.heartbeats += record.message.get_type() == "HEARTBEAT" and is_autopilot(record.message)
@@ -79,7 +95,6 @@ class _Heard:
                 self.second_is_played = is_played
             else:
                 self.first_is_played = is_played
-        boot_ms = _boot_ms(record.message)
         if boot_ms is None:
             return
         if self.records <= _ANCHOR_RECORDS:
@@ -99,7 +114,7 @@ def read_tlog(path: Path, system_id: int = 0) -> Recording:
     Raises LogError where no autopilot of it is heard.
     """
     data, losses = read_bytes(path), Losses()
-    sources = _survey(data, losses)
+    sources, packets = _survey(data, losses)
     heard = sorted((source for source in sources if sources[source].heartbeats), key=lambda s: -sources[s].heartbeats)
     if not heard:
         raise LogError("holds no MAVLink packet of an autopilot", where=str(path), remedy="name a telemetry log (.tlog)")
@@ -117,21 +132,28 @@ def read_tlog(path: Path, system_id: int = 0) -> Recording:
     unix_ns: dict[bool, list[int]] = {True: [], False: []}
     has_fix: bool | None = None
     boots_ms, n_stamped = sources[heard[0]].boots_ms, 0
-    for record in records_of(data, Losses()):
-        own_clock = _source(record.message)[0] == heard[0][0] and is_of_gimbal(record.message)
-        if _source(record.message) != heard[0] and not own_clock:
+    parser = mav.MAVLink(None)
+    for at, stated_ms in zip(packets.at, packets.boot_ms, strict=True):
+        source, number = _addressed(data, at + _STAMP)
+        if source[0] != heard[0][0] or (source != heard[0] and number not in _TOLD):
             continue
-        boot_ms = None if own_clock else _boot_ms(record.message)
-        instant = axis.place(record.wall_us, boot_ms, boots_ms[n_stamped] if n_stamped < len(boots_ms) else None)
+        message = _message_at(data, at, parser) if number in _TOLD else None
+        own_clock = message is not None and is_of_gimbal(message)
+        if source != heard[0] and not own_clock:
+            continue
+        boot_ms = None if own_clock else stated_ms or None
+        instant = axis.place(_stamp_us(data, at), boot_ms, boots_ms[n_stamped] if n_stamped < len(boots_ms) else None)
         n_stamped += boot_ms is not None
-        if record.message.get_type() == "GPS_RAW_INT":
-            has_fix = record.message.fix_type >= FIX_3D
-        unix_ns[bool(has_fix)] += _unix_minus_boot_ns(record.message, instant)
         if instant.rebooted:
             _append(events, instant, link.down(instant.t_ns))
-        if sources[heard[0]].second_is_played and record.message.get_type() == "GPS2_RAW":
+        if message is None:
             continue
-        for event in decode(record.message, instant.t_ns):
+        if message.get_type() == "GPS_RAW_INT":
+            has_fix = message.fix_type >= FIX_3D
+        unix_ns[bool(has_fix)] += _unix_minus_boot_ns(message, instant)
+        if sources[heard[0]].second_is_played and message.get_type() == "GPS2_RAW":
+            continue
+        for event in decode(message, instant.t_ns):
             _append(events, instant, link.heard(event) if isinstance(event, LinkChanged) else _shifted(event, instant))
     if not events:
         raise LogError("holds no message that tells of a flight", where=str(path), remedy="record ATTITUDE and positions")
@@ -174,7 +196,20 @@ def _record_at(data: LogBytes, at: int, parser: Any) -> tuple[Record | None, int
         return None, 0
     if message.get_msgId() < 0 and not _continues(data, start + length):
         return None, 0
-    return Record(struct.unpack_from(">Q", data, at)[0], message), _STAMP + length
+    return Record(at, _stamp_us(data, at), message), _STAMP + length
+
+
+def _message_at(data: LogBytes, at: int, parser: Any) -> Message | None:
+    """The message of a record that is there."""
+    record, _ = _record_at(data, at, parser)
+    return None if record is None else record.message
+
+
+def _addressed(data: LogBytes, start: int) -> tuple[_Source, int]:
+    """Source and number of the message of the packet at a start byte."""
+    if data[start] == mav.PROTOCOL_MARKER_V1:
+        return (data[start + 3], data[start + 4]), data[start + 5]
+    return (data[start + 5], data[start + 6]), int.from_bytes(data[start + 7 : start + 10], "little")
 
 
 def _packet_length(data: LogBytes, start: int) -> int:
@@ -188,8 +223,12 @@ def _packet_length(data: LogBytes, start: int) -> int:
     return 0
 
 
+def _stamp_us(data: LogBytes, at: int) -> int:
+    return int.from_bytes(data[at : at + _STAMP], "big")
+
+
 def _plausible_stamp(data: LogBytes, at: int) -> bool:
-    return bool(0 < struct.unpack_from(">Q", data, at)[0] <= _LATEST_US)
+    return 0 < _stamp_us(data, at) <= _LATEST_US
 
 
 def _continues(data: LogBytes, at: int) -> bool:
@@ -212,15 +251,19 @@ def _source(message: Message) -> _Source:
     return message.get_srcSystem(), message.get_srcComponent()
 
 
-def _survey(data: LogBytes, losses: Losses) -> dict[_Source, _Heard]:
-    """What is heard of each source; a companion beside an autopilot has a boot clock of its own.
+def _survey(data: LogBytes, losses: Losses) -> tuple[dict[_Source, _Heard], _Packets]:
+    """What is heard of each source, and where; a companion beside an autopilot has a boot clock of its own.
 
-    The file is gone through once for this and once more for the events: its messages, kept, would take 33 times its size.
+    The file is gone through once for this, and what tells of the flight is decoded once more for the events: its messages, kept,
+    would take 33 times its size.
     """
     sources: defaultdict[_Source, _Heard] = defaultdict(_Heard)
+    packets = _Packets()
     for record in records_of(data, losses):
-        sources[_source(record.message)].add(record)
-    return sources
+        boot_ms = _boot_ms(record.message)
+        sources[_source(record.message)].add(record, boot_ms)
+        packets.add(record, boot_ms)
+    return sources, packets
 
 
 def _others_noted(heard: list[_Source]) -> tuple[str, ...]:

@@ -236,3 +236,5 @@ _HANDLERS: dict[str, Callable[[Message, int], Outcome]] = {
     "HEARTBEAT": _heartbeat,
     "AUTOPILOT_VERSION": _autopilot_version,
 }
+DECODED = frozenset(_HANDLERS)
+"""Names of the messages that `decode` may make an event of."""
