@@ -105,13 +105,14 @@ class Grounds:
         were seen one after the other."""
         found = []
         for method, seen in self._seen.items():
+            share_of = [shares.get((method, each.number), 0.0) for each in seen]
             for first, begun in enumerate(seen):
                 log_p, adds, before = begun.log_wrong, 0.0, None
-                for each in seen[first:]:
+                for each, share in zip(seen[first:], share_of[first:], strict=True):
                     log_p += each.log_again if each is not begun else 0.0
                     if log_p < NEGLIGIBLE:
                         break
-                    adds += shares.get((method, each.number), 0.0)
+                    adds += share
                     key = method, begun.number, each.number
                     found.append(Cause(key, before, log_p, adds, begun.size, begun.known))
                     before = key

@@ -11,13 +11,14 @@ map's offset stays in north and east. On one course the two look the same.
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.types import Command, Notice, Severity, Vec2
+from visloc_companion.types import Command, FloatArray, Notice, Severity, Vec2
+
+ComplexArray = NDArray[np.complex128]
 
 SPAN_NS = 120_000_000_000
 SOILED_NS = 30_000_000_000
@@ -35,14 +36,36 @@ FITS_SHARE = 0.4
 """Of the offset, rms: what a lag, or a map's place, leaves unexplained where that is what it is."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Difference:
-    """GNSS less a fix, the velocity, and what a lens that is twice as long adds to the fix; north and east."""
+class _Differences:
+    """GNSS less fixes (K,), the velocities, and what a lens that is twice as long adds to each fix, all north + i east, in the
+    order in which they were compared. Arrays, for the mean of some hundred is asked for with each fix."""
 
-    t_ns: int
-    off_ne_m: Vec2
-    v_ne_mps: Vec2
-    per_focal_ne_m: Vec2
+    def __init__(self) -> None:
+        self._t_ns: list[int] = []
+        self.off: ComplexArray = np.zeros(0, dtype=complex)
+        self.v: ComplexArray = self.off
+        self.per_focal: ComplexArray = self.off
+
+    def __len__(self) -> int:
+        return len(self.off)
+
+    def add(self, t_ns: int, off_ne_m: Vec2, v_ne_mps: Vec2, per_focal_ne_m: Vec2) -> None:
+        """One more, beside those of the last SPAN_NS."""
+        n_old = sum(1 for _ in takewhile(lambda then_ns: then_ns < t_ns - SPAN_NS, self._t_ns))
+        self._keep(n_old, len(self))
+        self._t_ns.append(t_ns)
+        self.off = np.append(self.off, complex(*off_ne_m))
+        self.v = np.append(self.v, complex(*v_ne_mps))
+        self.per_focal = np.append(self.per_focal, complex(*per_focal_ne_m))
+
+    def until(self, t_ns: int) -> None:
+        """No longer those after a time."""
+        n_late = sum(1 for _ in takewhile(lambda then_ns: then_ns > t_ns, reversed(self._t_ns)))
+        self._keep(0, len(self) - n_late)
+
+    def _keep(self, first: int, end: int) -> None:
+        self._t_ns = self._t_ns[first:end]
+        self.off, self.v, self.per_focal = (each[first:end] for each in (self.off, self.v, self.per_focal))
 
 
 class MapOffset:
@@ -50,7 +73,7 @@ class MapOffset:
 
     def __init__(self, map_sigma_m: float) -> None:
         self._map_sigma_m = map_sigma_m
-        self._differences: deque[_Difference] = deque()
+        self._differences = _Differences()
         self._told: set[str] = set()
         self._borne_out = False
         self._lag_s = 0.0
@@ -63,9 +86,7 @@ class MapOffset:
         more than map and lag may be off by tells of neither: it is GNSS that jumped, and nobody has said so yet."""
         if math.hypot(*gnss_minus_fix_m) > MOST_M + MOST_LAG_S * math.hypot(*v_ne_mps):
             return
-        self._differences.append(_Difference(t_ns, gnss_minus_fix_m, v_ne_mps, per_focal_ne_m))
-        while self._differences[0].t_ns < t_ns - SPAN_NS:
-            self._differences.popleft()
+        self._differences.add(t_ns, gnss_minus_fix_m, v_ne_mps, per_focal_ne_m)
         self._average()
 
     def suspected(
@@ -80,26 +101,24 @@ class MapOffset:
         if not self._borne_out:
             self.compared(t_fix_ns, gnss_minus_fix_m, v_ne_mps, per_focal_ne_m)
             return
-        while self._differences and self._differences[-1].t_ns > t_ns - SOILED_NS:
-            self._differences.pop()
+        self._differences.until(t_ns - SOILED_NS)
         self._average()
 
     def _average(self) -> None:
-        n = len(self._differences)
-        off = np.array([complex(*d.off_ne_m) for d in self._differences])
+        n, off = len(self._differences), self._differences.off
         mean_m = abs(complex(off.mean())) if n else 0.0
         self._borne_out |= n >= BORNE_OUT_BY and mean_m <= self._explained_m
         enough = n >= FEWEST if self._borne_out else n >= BORNE_OUT_BY
-        self._lag_s, lag_m, self._place_fits = self._lagging(off) if enough else (0.0, 0.0, True)
+        self._lag_s, lag_m, self._place_fits = self._lagging(off, self._differences.v) if enough else (0.0, 0.0, True)
         if self._borne_out and n:  # a GNSS that has just jumped, and is not suspect yet, moves the mean by a part of that
-            mean_m = min(mean_m, math.hypot(float(np.median(off.real)), float(np.median(off.imag))))
+            mean_m = min(mean_m, math.hypot(median(off.real), median(off.imag)))
         offset_m = max(mean_m, lag_m)
         self.distance_m = offset_m if enough and (self._borne_out or offset_m <= MOST_M) else 0.0
 
-    def _lagging(self, off: NDArray[np.complex128]) -> tuple[float, float, bool]:
+    def _lagging(self, off: ComplexArray, v: ComplexArray) -> tuple[float, float, bool]:
         """By how many seconds fixes lag behind GNSS, 0 where that is not what they do; how far that is, m; and whether an offset
-        that stays where it is explains the differences as well. `off` (K,) are the differences, m, north + i east."""
-        v = np.array([complex(*d.v_ne_mps) for d in self._differences])
+        that stays where it is explains the differences as well. `off` (K,) are the differences, m, `v` (K,) the velocities, m/s,
+        north + i east."""
         speed_mps = math.sqrt(float(np.vdot(v, v).real) / len(v))
         if speed_mps < LEAST_SPEED_MPS:
             return 0.0, 0.0, True
@@ -124,8 +143,11 @@ class MapOffset:
 
     def _is_the_lens(self, longer_share: float) -> bool:
         """Whether a lens that is longer by a share leaves nothing of the mean difference that GNSS does not explain."""
-        left = [complex(*d.off_ne_m) + longer_share * complex(*d.per_focal_ne_m) for d in self._differences]
-        return longer_share != 0 and abs(sum(left)) <= self._explained_m * len(left)
+        if longer_share == 0:
+            return False
+        known = self._differences
+        left = [off + longer_share * lens for off, lens in zip(known.off.tolist(), known.per_focal.tolist(), strict=True)]
+        return bool(abs(sum(left)) <= self._explained_m * len(left))
 
     def notices(self, *, delay_told: bool = False, longer_share: float = 0.0) -> list[Command]:
         """The operator is told once of what it may be, and once of what it is; not of a lag where the camera's delay was told,
@@ -144,3 +166,10 @@ class MapOffset:
         }[kind]
         data = (("distance_m", self.distance_m), ("lag_s", self._lag_s))
         return [Notice(Severity.WARNING, text, to_operator=True, data=data)]
+
+
+def median(values: FloatArray) -> float:
+    """Of K finite numbers, as `numpy.median` has it, in a third of its time."""
+    half, odd = divmod(len(values), 2)
+    middle = np.partition(values, half if odd else (half - 1, half))
+    return float(middle[half]) if odd else float((middle[half - 1] + middle[half]) / 2)

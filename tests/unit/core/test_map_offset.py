@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from visloc_companion.core.map_offset import BORNE_OUT_BY, FEWEST, MOST_M, MapOffset
+from visloc_companion.core.map_offset import BORNE_OUT_BY, FEWEST, MOST_M, MapOffset, median
 from visloc_companion.types import Notice
 
 S = 1_000_000_000
@@ -170,3 +170,9 @@ def test_what_a_lens_that_fixes_show_to_be_longer_explains_is_not_blamed_on_the_
     assert known.notices(longer_share=0.1) == []
     assert known.sigma_m == pytest.approx(4.0)
     assert [n.text for n in known.notices(longer_share=-0.1) if isinstance(n, Notice)] == ["visloc: map is 8 m off GNSS"]
+
+
+@pytest.mark.parametrize("n", range(1, 9))
+def test_the_median_is_that_of_numpy_to_the_last_bit(n: int) -> None:
+    values = np.random.default_rng(n).standard_normal(n)
+    assert median(values) == float(np.median(values))
