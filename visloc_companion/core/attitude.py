@@ -33,10 +33,10 @@ class AttitudeBuffer:
 
     def add(self, t_boot_ns: int, q_ned_frd: Quat, rate_frd_radps: Vec3) -> Reason | None:
         """Take a sample; IMPLAUSIBLE_TIME for one that is not later than the last, NOT_FINITE for a broken one."""
-        if not all(map(math.isfinite, (*q_ned_frd, *rate_frd_radps))):
+        if not all(map(math.isfinite, rate_frd_radps)):
             return Reason.NOT_FINITE
         try:
-            q = se3.normalised(q_ned_frd)
+            q = se3.normalised(q_ned_frd)  # which none is that is not finite
         except ValueError:
             return Reason.NOT_FINITE
         if self._t_ns and t_boot_ns <= self._t_ns[-1]:

@@ -1,7 +1,7 @@
 """Delayed-state position filter: a sorted log of inputs folded by core/fusion.py, so that order of arrival does not matter.
 
 A late fix is inserted where it belongs and everything after it is done again (rewind), but not before it is asked for: two that
-come together are folded once. The velocity between its samples: driving.py. The memory is HISTORY_S; what is older is TooOld.
+come together are folded once. The velocity between its samples: driving.py. The memory is HISTORY_NS; what is older is TooOld.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2
 
-HISTORY_S = 6.0
+HISTORY_NS = 6_000_000_000
 
 Input = Velocity | Position | Motion | AirError
 Outcome = Accepted | Rejected | None
@@ -249,8 +249,9 @@ class PositionFilter:
 
     def _insert(self, entry: Input) -> int:
         """Into the log. What was folded from there on is forgotten; of a velocity also what it interpolates anew."""
-        index = bisect_right(self._log, _key(entry), key=_key)
-        self._log.insert(index, entry)
+        log, key = self._log, _key(entry)
+        index = len(log) if not log or key >= _key(log[-1]) else bisect_right(log, key, key=_key)
+        log.insert(index, entry)
         if isinstance(entry, Motion):
             self._motions.append(entry)
         start = index
@@ -296,8 +297,9 @@ class PositionFilter:
         asked = self._asked
         if asked is not None and asked.t_ns == t_ns and (alone or not asked.alone):
             return asked.k, asked.belief
-        k = bisect_right(self._log, t_ns, key=_time)
-        alone = alone and k < len(self._log)  # of the present state the protection level is asked, too
+        log = self._log
+        k = len(log) if not log or t_ns >= log[-1].t_ns else bisect_right(log, t_ns, key=_time)
+        alone = alone and k < len(log)  # of the present state the protection level is asked, too
         belief = self._predicted(self._after(k), t_ns, self._around(k), alone=alone)
         self._asked = _Asked(t_ns, k, belief, alone)
         return k, belief
@@ -335,14 +337,14 @@ class PositionFilter:
 
     def _forget(self) -> None:
         """Drop what is older than the memory; a motion that reaches further back keeps its start."""
-        horizon_ns = self._log[-1].t_ns - round(HISTORY_S * 1e9)
-        if self._log[0].t_ns > horizon_ns:
+        horizon_ns, oldest_ns, motions = self._log[-1].t_ns - HISTORY_NS, self._log[0].t_ns, self._motions
+        held = bool(motions) and motions[0].t_ns > horizon_ns and motions[0].t_from_ns < oldest_ns  # as it mostly is
+        if held or oldest_ns > horizon_ns:
             return
-        if self._motions:
-            self._motions = [motion for motion in self._motions if motion.t_ns > horizon_ns]
-            horizon_ns = min(horizon_ns, min((motion.t_from_ns for motion in self._motions), default=horizon_ns))
-            if self._log[0].t_ns > horizon_ns:
-                return
+        self._motions = [motion for motion in motions if motion.t_ns > horizon_ns]
+        horizon_ns = min([horizon_ns, *(motion.t_from_ns for motion in self._motions)])
+        if oldest_ns > horizon_ns:
+            return
         n_old = bisect_right(self._log, horizon_ns, key=_time)
         self._base, self._base_velocity = self._after(n_old), self._around(n_old)[0]
         del self._log[:n_old], self._beliefs[:n_old]

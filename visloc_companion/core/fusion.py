@@ -59,6 +59,7 @@ a fix, and another one said the same, the filter is what is wrong, and its covar
 TILT_MPS2_PER_M = 0.15
 """While we inject, a correction of our position tilts the autopilot's attitude, by which accelerations are turned: so much
 acceleration for a metre, three times what ArduCopter shows (docs/decisions/0021-corrections-tilt-the-autopilot.md)."""
+UNIT = np.eye(2)
 MAX_STEP_M = InjectionSettings().max_step_m
 """Where nothing else is configured. Larger corrections are sent as resets, which leave the autopilot's attitude as it was."""
 
@@ -229,7 +230,7 @@ def observed(
         got = Rejected(Reason.GATED, got.nis) if refused.soon_another(belief) else got
     if isinstance(got, kalman.Updated):
         off_m, seen_m2 = at - H @ belief.x, H @ belief.P @ H.T
-        S = seen_m2 + R + extra_m2 * np.eye(2)
+        S = seen_m2 + R + extra_m2 * UNIT
         if z.from_fix:
             white_ne = lean.whitened(off_m, S)
             belief = belief._replace(claims=claims.learned(belief.claims, z.method, white_ne))
@@ -265,6 +266,8 @@ def _suspected(after: Belief, before: Belief, z: Position, squared: float, S: Fl
         return after
     since_ns = max(before.rested_ns, before.started_ns if before.former is None else before.former.until_ns)
     over = fed_back.learned(before.fed_back_over, squared, before.P, S, (z.t_ns - since_ns) * 1e-9)
+    if over == after.fed_back_over:
+        return after
     more = max(0.0, over - before.fed_back_over) * before.sigma_v_mps**2
     return (widened(after, 0.0, more) if more else after)._replace(fed_back_over=over)
 
@@ -310,6 +313,8 @@ def _alike(belief: Belief, z: Position, cov_m2: FloatArray, after_x: FloatArray)
 
 
 def _agreed(belief: Belief, z: Position) -> Belief:
+    if not belief.contradicting:
+        return belief
     return belief._replace(contradicting=contradiction.agreed(belief.contradicting, z.method))
 
 

@@ -185,19 +185,19 @@ def updated(
     at = take.nonzero()[0]
     if not len(at):
         return solutions
-    x, P = solutions.x, solutions.P
+    x, P = solutions.x.copy(), solutions.then.copy() if solutions.way is None else solutions.P
     if len(at) == len(take):
-        x, P = _updated(x, P, z, R, H, n_considered)
+        _update(x, P, z, R, H, n_considered)
     else:  # those that leave a fix out are most of them
-        x, P = x.copy(), P.copy() if solutions.way is None else P
-        x[at], P[at] = _updated(x.take(at, 0), P.take(at, 0), z, R, H, n_considered)
+        some_x, some_P = x.take(at, 0), P.take(at, 0)
+        _update(some_x, some_P, z, R, H, n_considered)
+        x[at], P[at] = some_x, some_P
     rested = solutions.rested_ns if t_ns is None else np.where(take, t_ns, solutions.rested_ns)
     return Solutions(x, P, solutions.probability, rested, solutions.leaves, solutions.left)
 
 
-def _updated(
-    x: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray, H: FloatArray, n_considered: int
-) -> tuple[FloatArray, FloatArray]:
+def _update(x: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray, H: FloatArray, n_considered: int) -> None:
+    """Means (K, n) and covariances (K, n, n) with the measurement, in place."""
     learned = H.shape[1] - n_considered  # what is only considered keeps its rows among themselves
     PHt = _times(P, H.T)
     gain = PHt[:, :learned] @ inverses(H @ PHt + R)
@@ -206,10 +206,8 @@ def _updated(
     rows[:, :, :learned] += (gain @ R - _times(rows, H.T)) @ gain_T  # times (I - K H)', and K R K'
     square = rows[:, :, :learned]
     np.divide(square + square.transpose(0, 2, 1), 2, out=square)
-    after_x, after_P = x.copy(), P.copy()
-    after_x[:, :learned] += (gain @ innovation[:, :, None])[:, :, 0]
-    after_P[:, :learned], after_P[:, learned:, :learned] = rows, rows[:, :, learned:].transpose(0, 2, 1)
-    return after_x, after_P
+    x[:, :learned] += (gain @ innovation[:, :, None])[:, :, 0]
+    P[:, :learned], P[:, learned:, :learned] = rows, rows[:, :, learned:].transpose(0, 2, 1)
 
 
 def inverses(S: FloatArray) -> FloatArray:

@@ -191,3 +191,20 @@ def test_an_update_of_solutions_is_josephs_form_of_each(m: int, n_considered: in
         np.testing.assert_allclose(after.x[k], expected[0], atol=1e-9)
         np.testing.assert_allclose(after.P[k], expected[1], atol=1e-9)
         np.testing.assert_array_equal(after.P[k], after.P[k].T)
+
+
+@pytest.mark.parametrize("taking", [(True, True), (True, False)])
+@pytest.mark.parametrize("carried_on", [False, True])
+def test_an_update_leaves_the_solutions_before_as_they_were(taking: tuple[bool, bool], carried_on: bool) -> None:
+    """What was folded before a late fix is folded on from again."""
+    before = taken(start(), 1.0, 0.5).without
+    if carried_on:
+        on = step(0.1, Drive.FED_BACK, 0.1, (0.0, 0.0), SETTINGS)
+        before = separation.propagated(before, on, on.Q, None, np.zeros(N_STATES))
+    x, P = before.x.copy(), before.P.copy()
+    H, R = np.eye(2, N_STATES), np.eye(2)
+    after = separation.updated(before, np.ones(2), R, H, take=np.array(taking), n_considered=0)
+    np.testing.assert_array_equal(before.x, x)
+    np.testing.assert_array_equal(before.P, P)
+    assert (after.P[0] != P[0]).any()
+    assert (after.P[1] == P[1]).all() == (not taking[1])
