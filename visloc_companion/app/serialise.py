@@ -108,6 +108,8 @@ def _encoder(kind: Any) -> _Convert:
 
 
 def _encode_float(value: Any) -> Any:
+    if type(value) is float and math.isfinite(value):  # nearly all
+        return value
     if isinstance(value, (bool, str)):
         raise TypeError(f"{value!r} is not a number")
     if type(value) is int:
@@ -158,9 +160,9 @@ def _dataclass_decoder(kind: Any) -> _Convert:
     in_order, required = tuple(decoders.values()), frozenset(name for name, _, required in hints if required)
 
     def decode(value: Any) -> Any:
+        if type(value) is dict and tuple(value) == names:
+            return kind(*[convert(part) for convert, part in zip(in_order, value.values(), strict=True)])
         data = _exactly(dict, value)
-        if tuple(data) == names:
-            return kind(*[convert(part) for convert, part in zip(in_order, data.values(), strict=True)])
         if unknown := data.keys() - decoders.keys():
             raise ValueError(f"unknown fields {sorted(unknown)}")
         if missing := required - data.keys():

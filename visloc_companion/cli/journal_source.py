@@ -12,6 +12,7 @@ from visloc_companion.app.replay import Comparison, compare, flown_config, recor
 from visloc_companion.app.rounding import ROUNDING
 from visloc_companion.app.settings import core_settings
 from visloc_companion.app.versions import versions
+from visloc_companion.cli.read_once import read_once
 from visloc_companion.config import Config
 from visloc_companion.evaluate.flight import Pace
 from visloc_companion.evaluate.gate import Check
@@ -36,7 +37,8 @@ class JournalSource:
     def record(self) -> FlightRecord:
         """Replay and compare. Raises JournalError for damage, unless it is to be salvaged."""
         damages: list[str] = []
-        entries = list(read_journal(self.path, salvage=self.salvage, on_damage=damages.append))
+        with read_once():
+            entries = list(read_journal(self.path, salvage=self.salvage, on_damage=damages.append))
         header = header_left(self.path) if self.salvage and self.config is not None else read_header(self.path)
         effective = self.config or flown_config(header, self.path)
         events = [entry for entry in entries if entry.event is not None]

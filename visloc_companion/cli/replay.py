@@ -41,6 +41,7 @@ def replay(
     Exit codes: 0 ok, 1 the gate failed or a journal's commands differ or are gone, 2 usage or configuration, 3 bad data.
     """
     from visloc_companion.cli.progress import make_folder, require_folder, write_json
+    from visloc_companion.cli.read_once import read_once
     from visloc_companion.cli.replay_sources import open_source
     from visloc_companion.evaluate.gate import check_gate, parse_gate
     from visloc_companion.evaluate.metrics import flight_summary
@@ -48,7 +49,8 @@ def replay(
     parse_gate(gate)
     make_folder(out, "--out")
     require_folder(json, "--json", flight, config, *(out / name for name in ("epochs.csv", "report.html") if out is not None))
-    source = open_source(flight, pack, config, salvage, _speed(speed), system_id, boot, rerun=rerun)
+    with read_once():
+        source = open_source(flight, pack, config, salvage, _speed(speed), system_id, boot, rerun=rerun)
     record = source.record()
     epochs = str(out / "epochs.csv") if out is not None else None
     summary = flight_summary(record, alert_limit_m=alert_limit_m, latency=source.latency, epochs=epochs)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from benchmarks.navigator import CONFIGURATION, baseline_s, flown, replayed_s, table, written
 from visloc_companion.app.journal import read_journal
 from visloc_companion.app.settings import core_settings
 from visloc_companion.config import parse_config
-from visloc_companion.types import Fix, Injection, Mode, Status
+from visloc_companion.types import Fix, Injection, Mode, Status, Verdict
 
 
 def test_the_flight_injects_on_fixes_and_is_replayed(tmp_path: Path) -> None:
@@ -26,3 +27,11 @@ def test_the_flight_injects_on_fixes_and_is_replayed(tmp_path: Path) -> None:
     lines = list(table(cost, 75.0, baseline_s()))
     assert lines[-1].startswith("| all |")
     assert any(line.startswith("| Tick | 10.0 |") for line in lines)
+
+
+def test_beside_a_good_gnss_nothing_is_injected() -> None:
+    entries, _ = flown(75.0, core_settings(parse_config(CONFIGURATION)), jammed_s=math.inf)
+    statuses = [entry.command for entry in entries if isinstance(entry.command, Status)]
+    assert (statuses[-1].mode, statuses[-1].verdict) == (Mode.SHADOW, Verdict.OK)
+    assert not any(isinstance(entry.command, Injection) for entry in entries)
+    assert sum(isinstance(entry.event, Fix) for entry in entries) > 200
