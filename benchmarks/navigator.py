@@ -1,15 +1,17 @@
-"""What the navigator costs: `python -m benchmarks.navigator [--minutes 10] [--gate] [--profile N]`.
+"""What the navigator costs: `python -m benchmarks.navigator [--minutes 10] [--good-gnss] [--gate] [--profile N]`.
 
-A flight of so many minutes, GNSS jammed for all but the first (benchmarks/navigator_flight.py), is flown once event by event and
-then replayed from its journal. CPU time, as ratios to a fixed piece of work in the same run (prediction and update of a filter of
-four states in plain numpy), because absolute times depend on the machine and on who else uses it. `--profile` names the functions
-that take the most time, `--gate` ends with 1 where the mean is above 0.3 ms per event or an hour's replay above 20 s.
+A flight of so many minutes, GNSS jammed for all but the first or (`--good-gnss`) for none of them
+(benchmarks/navigator_flight.py), is flown once event by event and then replayed from its journal. CPU time, as ratios to a fixed
+piece of work in the same run (prediction and update of a filter of four states in plain numpy), because absolute times depend on
+the machine and on who else uses it. `--profile` names the functions that take the most time, `--gate` ends with 1 where the mean
+is above 0.3 ms per event or an hour's replay above 20 s.
 """
 
 from __future__ import annotations
 
 import argparse
 import cProfile
+import math
 import pstats
 import sys
 import tempfile
@@ -21,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.navigator_flight import Answers, events
+from benchmarks.navigator_flight import JAMMED_S, Answers, events
 from visloc_companion.app.journal import Entry, JournalHeader, JournalWriter, read_journal
 from visloc_companion.app.replay import replay
 from visloc_companion.app.settings import core_settings
@@ -59,12 +61,14 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--good-gnss", action="store_true", help="GNSS is never jammed, and all fixes are held against it")
     parser.add_argument("--gate", action="store_true")
     parser.add_argument("--profile", type=int, default=0, metavar="N", help="the N functions that take the most time")
     options = parser.parse_args()
     settings = core_settings(parse_config(CONFIGURATION))
     profiler = cProfile.Profile() if options.profile else None
-    entries, cost = flown(60 * options.minutes, settings, profiler)
+    jammed_s = math.inf if options.good_gnss else JAMMED_S
+    entries, cost = flown(60 * options.minutes, settings, profiler, jammed_s)
     if profiler is not None:
         pstats.Stats(profiler).sort_stats("tottime").print_stats(options.profile)
         return
@@ -90,8 +94,10 @@ def table(cost: Cost, seconds: float, base_s: float) -> Iterator[str]:
     yield f"| all | {cost.n / seconds:.0f} | {1e3 * cost.mean_s:.3f} | {cost.mean_s / base_s:.1f} | | |"
 
 
-def flown(seconds: float, settings: CoreSettings, profiler: cProfile.Profile | None = None) -> tuple[list[Entry], Cost]:
-    """The flight as the daemon would journal it, and what it cost."""
+def flown(
+    seconds: float, settings: CoreSettings, profiler: cProfile.Profile | None = None, jammed_s: float = JAMMED_S
+) -> tuple[list[Entry], Cost]:
+    """The flight as the daemon would journal it, and what it cost; GNSS is jammed from a time on."""
     navigator, answers = Navigator(settings), Answers()
     entries: list[Entry] = []
     cost, reading_s = Cost(defaultdict(list), []), clock_s()
@@ -109,7 +115,7 @@ def flown(seconds: float, settings: CoreSettings, profiler: cProfile.Profile | N
         entries.extend(Entry(now_ns, None, command) for command in commands)
         answers.ask(now_ns, commands)
 
-    for now_ns, event in events(seconds):
+    for now_ns, event in events(seconds, jammed_s):
         for at_ns, answer in answers.until(now_ns):
             take(answer, at_ns)
         take(event, now_ns)

@@ -1,7 +1,8 @@
 """The events of a flight as a companion computer hears them, for `benchmarks.navigator`: no pictures, every stream at its rate.
 
 A vehicle circles at 10 m/s, 100 m up. GNSS is jammed after a minute and stays so: the navigator injects for the rest, on image
-fixes at its own rate, structure fixes in between, and the camera's motion with every answer.
+fixes at its own rate, structure fixes in between, and the camera's motion with every answer. Or it is never jammed: then each fix
+is held against it.
 """
 
 from __future__ import annotations
@@ -46,16 +47,17 @@ LEVEL = (1.0, 0.0, 0.0, 0.0)
 FIX_SIGMA_M, STRUCTURE_EVERY, REFUSED_SHARE = 0.8, 10, 0.05
 
 
-def events(seconds: float) -> Iterator[tuple[int, Event]]:
-    """Telemetry, frames and ticks, each with its time of arrival (ns); answers to requests come from `Answers`."""
+def events(seconds: float, jammed_s: float = JAMMED_S) -> Iterator[tuple[int, Event]]:
+    """Telemetry, frames and ticks, each with its time of arrival (ns); answers to requests come from `Answers`. GNSS is jammed
+    from a time on."""
     yield 0, LinkChanged(0, True, AutopilotKind.ARDUPILOT, "4.6.3", 1, armed=True)
     yield 1, OriginChanged(1, ORIGIN)
     for t_ms in range(BOOT_MS, BOOT_MS + round(seconds * 1e3), STEP_MS):
-        for event in _at(t_ms):
+        for event in _at(t_ms, jammed_s):
             yield t_ms * 1_000_000, event
 
 
-def _at(t_ms: int) -> Iterator[Event]:
+def _at(t_ms: int, jammed_s: float) -> Iterator[Event]:
     t, boot, t_s = t_ms * 1_000_000, (t_ms - BOOT_MS + 1) * 1_000_000, t_ms / 1e3
     yield Attitude(t, boot, LEVEL, (0.0, 0.0, SPEED_MPS / RADIUS_M))
     north, east, v = *_place(t_s), _velocity(t_s)
@@ -64,7 +66,7 @@ def _at(t_ms: int) -> Iterator[Event]:
         yield LocalPose(t, boot, (north, east, -HEIGHT_M), v)
         yield FrameRef(t, t - 30_000_000, t_ms, (t_ms // 100) % 3, 640, 480, 1)
     if t_ms % 200 == 0:
-        jammed = t_s > JAMMED_S
+        jammed = t_s > jammed_s
         yield Gnss(t, boot, 1 if jammed else 3, 3 if jammed else 14, _geo(north, east), None if jammed else 0.9, 1.2, v)
     if t_ms % 500 == 0:
         yield EstimatorStatus(t, 0.1, 0.1, 0.1, True, False, None)
