@@ -63,7 +63,7 @@ class OtherCauses:
 
     def log_explained(self) -> float:
         """Natural logarithm of by how much likelier the series is with these causes than with none of them; at least 0."""
-        return float(np.logaddexp.reduce([0.0, *self._log_weights()])) if self._keys else 0.0
+        return _log_sum(self._log_weights()) if self._keys else 0.0
 
     def _log_weights(self) -> NDArray[np.float64]:
         """(K,) logarithm of probability times likelihood ratio."""
@@ -79,22 +79,29 @@ class OtherCauses:
 
     def _choose(self, told: Sequence[Cause]) -> None:
         """Those that are told, new ones with their past, and of the others those that count."""
-        named = {each.key for each in told}
-        likely = self._log_weights() - self.log_explained() > math.log(COUNTS)
+        named, log_weights = {each.key for each in told}, self._log_weights()
+        likely = (log_weights - _log_sum(log_weights) > math.log(COUNTS)).tolist()
         kept = [key for key, at in self._keys.items() if key not in named and likely[at]][-MOST:]
-        past: dict[Hashable, ComplexArray] = {key: self._sums[at] for key, at in self._keys.items()}
-        log_p = [self._log_probability[self._keys[key]] for key in kept]
+        past, begun = dict(self._keys), list[ComplexArray]()  # where the past of each stands: of new ones behind all others
         for each in told:
-            if each.key not in past:
-                past[each.key] = past[each.before] if each.before in past else self._begun(each)
-            log_p.append(each.log_probability)
+            if each.key not in past and each.before in past:
+                past[each.key] = past[each.before]
+            elif each.key not in past:
+                past[each.key] = len(self._keys) + len(begun)
+                begun.append(self._begun(each))
         keys = [*kept, *(each.key for each in told)]
-        self._keys = {key: at for at, key in enumerate(keys)}
-        self._sums = np.array([past[key] for key in keys], dtype=complex).reshape(-1, self._n + 3)
-        self._log_probability = np.array(log_p, dtype=float)
+        known, at = (np.array([past[key] for key in which], np.intp) for which in (kept, keys))
+        self._log_probability = np.concatenate([self._log_probability[known], [each.log_probability for each in told]])
+        self._sums = np.concatenate([self._sums, *begun])[at]
+        self._keys = {key: k for k, key in enumerate(keys)}
 
     def _begun(self, cause: Cause) -> ComplexArray:
         row: ComplexArray = np.zeros((1, self._n + 3), dtype=complex)
         row[0, self._n], row[0, self._n + 1] = cause.known, cause.size * cause.known
         row[0, self._n + 2] = max(0.0, float(self._log_ratio(row)[0]))
-        return np.asarray(row[0])
+        return row
+
+
+def _log_sum(log_weights: NDArray[np.float64]) -> float:
+    """Natural logarithm of the sum of 1 and K weights that are told by theirs."""
+    return float(np.logaddexp.reduce(np.append(0.0, log_weights)))
