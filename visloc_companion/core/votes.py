@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 from visloc_companion.core.lasting import BY_SHAPE
-from visloc_companion.geo.se3 import R_from_quat
+from visloc_companion.geo.se3 import down_axis
 from visloc_companion.types import Fix, Vec2
 
 RECENT_NS = 30_000_000_000
@@ -61,7 +61,7 @@ def looked_at(fix: Fix, height_m: float) -> tuple[Vec2, float]:
 def view_ne_m(fix: Fix, height_m: float) -> Vec2:
     """(2,) metres north and east from the camera to the ground that it looks at, from a height above the ground; no further than
     it sees under FLATTEST."""
-    north, east, down = (float(axis) for axis in R_from_quat(fix.q_ned_frd)[:, 2])
+    north, east, down = down_axis(fix.q_ned_frd)
     flat = math.hypot(north, east)
     away_m = max(0.0, height_m) * min(FLATTEST, flat / down if down > 0 else FLATTEST)
     return (0.0, 0.0) if flat == 0 else (away_m * north / flat, away_m * east / flat)

@@ -101,6 +101,12 @@ def R_from_quat(q: Quat) -> FloatArray:
     )
 
 
+def down_axis(q: Quat) -> Vec3:
+    """The third column of `R_from_quat`, as plain numbers: where the down axis of b points in a."""
+    w, x, y, z = q
+    return 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+
+
 def quat_from_R(R: FloatArray) -> Quat:
     """Unit quaternion of a rotation matrix (Shepperd's method)."""
     trace = float(np.trace(R))

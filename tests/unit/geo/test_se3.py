@@ -10,6 +10,7 @@ from visloc_companion.geo.se3 import (
     R_from_quat,
     angle_between,
     body_rates,
+    down_axis,
     euler_from_quat,
     normalised,
     plus,
@@ -145,3 +146,8 @@ def test_body_rates_turn_one_attitude_into_the_next(before, rates_radps, dt_s: f
 
 def test_vectors_are_added_axis_by_axis() -> None:
     assert plus((1.0, -2.0, 3.0), (10.0, 20.0, -3.0)) == (11.0, 18.0, 0.0)
+
+
+def test_the_down_axis_is_the_third_column_to_the_last_bit() -> None:
+    q = quat_from_euler(0.3, -0.7, 2.1)
+    assert down_axis(q) == tuple(R_from_quat(q)[:, 2].tolist())
