@@ -60,6 +60,7 @@ TILT_MPS2_PER_M = 0.15
 """While we inject, a correction of our position tilts the autopilot's attitude, by which accelerations are turned: so much
 acceleration for a metre, three times what ArduCopter shows (docs/decisions/0021-corrections-tilt-the-autopilot.md)."""
 UNIT = np.eye(2)
+"""(2, 2); it is never changed."""
 MAX_STEP_M = InjectionSettings().max_step_m
 """Where nothing else is configured. Larger corrections are sent as resets, which leave the autopilot's attitude as it was."""
 
