@@ -45,9 +45,10 @@ def _rebuild(kind: type[VislocError], what: str, where: str, remedy: str) -> Vis
 
 
 def did_you_mean(name: str, valid: Iterable[str]) -> str:
-    """The nearest of the valid names, as a question for a message; empty where none is near."""
-    near = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.5)
-    return f"did you mean {near[0]!r}?" if near else ""
+    """The nearest of the valid names, capitals or not, as a question for a message; empty where none is near."""
+    folded = {one.casefold(): one for one in valid}
+    near = difflib.get_close_matches(name.casefold(), list(folded), n=1, cutoff=0.5)
+    return f"did you mean {folded[near[0]]!r}?" if near else ""
 
 
 def fault_text(fault: BaseException) -> str:

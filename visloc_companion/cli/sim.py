@@ -54,7 +54,7 @@ def sim(
         bool, typer.Option("--record-frames", help="With --journal: the frames that are localised, too.")
     ] = False,
     campaign: Annotated[str, typer.Option(help="Many flights: a name (--list) or a JSON file.")] = "",
-    jobs: Annotated[int, typer.Option(min=1, help="Flights at a time.")] = 1,
+    jobs: Annotated[int, typer.Option(min=1, help="Flights of --campaign at a time.")] = 1,
     list_all: Annotated[bool, typer.Option("--list", help="Name scenarios and campaigns, of --autopilot and --vehicle.")] = False,
 ) -> None:
     """Fly a scenario in simulated time and judge it. Exit code 1 when it does not show what is expected."""
@@ -78,10 +78,12 @@ def sim(
         raise ConfigError("name either --scenario or --campaign", remedy="visloc sim --list")
     if campaign and report is not None:
         raise ConfigError("--report shows one flight", remedy="give it with --scenario")
+    if scenario:
+        _refuse(ctx, "jobs", "means nothing with --scenario, which is one flight", "leave it out, or give it with --campaign")
     _check_journal(journal, record_frames, campaign, without_daemon)
     if campaign in CAMPAIGNS:
         _refuse(ctx, _OF_CAMPAIGN, f"is settled by the campaign {campaign}", "name a JSON file with a list of flights")
-    read = (map_pack and map_pack / MANIFEST, camera_ortho, camera_dsm, Path(campaign) if campaign else None)
+    read = (map_pack, map_pack and map_pack / MANIFEST, camera_ortho, camera_dsm, Path(campaign) if campaign else None)
     require_folder(json_file, "--json", *read)
     require_folder(report, "--report", *read, json_file)
     require_folder(journal, "--journal", *read, json_file, report)

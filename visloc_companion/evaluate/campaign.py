@@ -37,6 +37,16 @@ DIALECTS = ("ardupilot", "px4")
 VEHICLES: tuple[VehicleKind, ...] = get_args(VehicleKind)
 OF_A_FLIGHT = ("scenario", "dialect", "vehicle", "seed", "method", "with_daemon", "structure", "gimbal")
 """What a flight of a campaign's file may say."""
+_SAID_ELSEWHERE = {
+    "autopilot": "flights of a file have the built-in one, and 'dialect' says whose behaviour it has",
+    "map": "--map is that of all flights",
+    "camera_ortho": "--camera-ortho is that of all flights",
+    "camera_dsm": "--camera-dsm is that of all flights",
+    "without_daemon": 'write "with_daemon": false',
+    "without_structure": 'write "structure": false',
+    "jobs": "--jobs is that of all flights",
+}
+"""Options of `visloc sim` that are no keys of a flight, and how to say the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +164,7 @@ def campaign_specs(name: str, template: FlightSpec) -> list[FlightSpec]:
 def _specs_of_file(path: Path, template: FlightSpec) -> Iterator[FlightSpec]:
     remedy = f"name one of {', '.join(CAMPAIGNS)} or a JSON file with a list of flights"
     try:
-        items = json.loads(path.read_text(encoding="utf-8-sig"))
+        items = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_each_key_once)
     except (OSError, ValueError, RecursionError) as why:
         raise ConfigError(f"is no campaign: {why}", where=str(path), remedy=remedy) from why
     if not isinstance(items, list) or not items:
@@ -170,13 +180,21 @@ def _specs_of_file(path: Path, template: FlightSpec) -> Iterator[FlightSpec]:
             raise ConfigError(f"entry {k}: {why.what}", where=str(path), remedy=why.remedy) from why
 
 
+def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON, of which Python would keep the last of two values. Raises ValueError."""
+    twice = [key for key, n in Counter(key for key, _ in pairs).items() if n > 1]
+    if twice:
+        raise ValueError(f"{', '.join(map(repr, twice))} twice in one entry, {dict(pairs)!r:.80}")
+    return dict(pairs)
+
+
 def _wrong_with(item: object) -> tuple[str, str]:
     """What makes an entry no flight and what to do about it; empty where nothing does."""
     if not isinstance(item, dict):
         return f"it is {item!r:.40}, no object", 'write {"scenario": NAME} for each flight'
     unknown = sorted(set(item) - set(OF_A_FLIGHT))
     if unknown:
-        near = {name: did_you_mean(name, OF_A_FLIGHT) for name in unknown}
+        near = {name: _SAID_ELSEWHERE.get(name) or did_you_mean(name, OF_A_FLIGHT) for name in unknown}
         told = ", ".join(f"{name!r}" + (f" ({near[name]})" if near[name] else "") for name in unknown)
         return f"unknown {told}", "correct the key, or leave it out"
     return ("", "") if "scenario" in item else ("it names none", "add scenario, one of visloc sim --list")

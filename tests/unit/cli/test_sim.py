@@ -286,6 +286,7 @@ def test_flights_are_kept_when_their_words_find_no_reader(
         (["--scenario", "jam", "--autopilot", "px4", "--vehicle", "boat"], "there is no simulator of px4 with a boat"),
         (["--scenario", "picnic", "--autopilot", "px4"], "there is no flight 'picnic' against a real simulator"),
         (["--scenario", "jam", "--autopilot", "ardupilot"], r"VISLOC_ARDUCOPTER names nothing, which is no program"),
+        (["--scenario", "jam", "--jobs", "3"], "--jobs means nothing with --scenario.*; remedy: leave it out, or .*--campaign"),
         (["--campaign", "scenarios", "--report", "report.html"], "--report shows one flight"),
         (["--campaign", "nothing.json"], "is no campaign"),
         (["--campaign", "scenarios", "--vehicle", "plane"], "--vehicle is settled by the campaign scenarios"),
