@@ -11,7 +11,7 @@ from typing import Protocol
 from visloc_companion.adapters.camera.image import decode_image
 from visloc_companion.adapters.camera.table import files_listed, require_name, times_of_video
 from visloc_companion.adapters.camera.video_stamps import VIDEO_SUFFIXES
-from visloc_companion.adapters.logs.video import VideoFrames, own_times_us, turn_deg
+from visloc_companion.adapters.logs.video import VideoFrames, notes_on_video, own_times_us
 from visloc_companion.errors import LogError
 from visloc_companion.types import Image
 
@@ -74,9 +74,7 @@ def open_frames(folder: Path, start_us: int | None) -> FrameSource | None:
 def notes_on(frames: FrameSource | None, table: Path) -> list[str]:
     """Sentences on what of the frames is of no use. Raises LogError where not one of the files that `table` lists is there."""
     if isinstance(frames, VideoFrames):
-        asked_deg = turn_deg(frames.path)
-        asked = f"{frames.path.name} asks viewers to turn it by {asked_deg} degrees: its frames were taken as they are stored."
-        return [asked] if asked_deg else []
+        return notes_on_video(frames)
     if frames is None:
         return _passed_over(table)
     files = frames.files if isinstance(frames, FileFrames) else ()

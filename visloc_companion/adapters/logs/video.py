@@ -47,7 +47,8 @@ def turn_deg(video: Path) -> int:
 
 
 def own_times_us(video: Path, start_us: int | None) -> tuple[int, ...]:
-    """When its frames were taken by its own stamps, the first at `start_us`. Raises LogError where neither says."""
+    """When its frames were taken by its own stamps, the first at `start_us`; frames that are shown at once, in a video of no even
+    rate, have one time. Raises LogError where neither says."""
     if start_us is None:
         raise LogError(
             "the video's start is unknown",
@@ -59,22 +60,41 @@ def own_times_us(video: Path, start_us: int | None) -> tuple[int, ...]:
         raise LogError("cannot be decoded as a video", where=str(video), remedy="convert it to MP4 with H.264")
     if is_raw(video):
         raise LogError("is a bare stream, which holds no times", where=str(video), remedy=_STAMP_THEM)
-    if shown_us[0] == shown_us[-1] or any(before > after for before, after in pairwise(shown_us)):
+    if any(before >= after for before, after in pairwise(shown_us)):
         shown_us = _by_rate(video, shown_us, rate_hz)
     return tuple(start_us + t_us - shown_us[0] for t_us in shown_us)
 
 
 def _by_rate(video: Path, shown_us: list[int], rate_hz: float) -> list[int]:
-    """Times by the rate of a video that has no stamps, or whose stamps are in disorder about it. Raises LogError elsewhere."""
-    if len(shown_us) == 1:
-        return shown_us
-    if not rate_hz > 0:
+    """Times by the rate of a video that has no stamps, or whose stamps go back or stand still about it. Elsewhere those of stamps
+    that stand still at most; raises LogError where they go back."""
+    goes_back = any(before > after for before, after in pairwise(shown_us))
+    all_at_once = shown_us[0] == shown_us[-1]
+    if not rate_hz > 0 and (goes_back or all_at_once):
         raise LogError("states neither stamps nor a rate", where=str(video), remedy=_STAMP_THEM)
-    even_us = [shown_us[0] + round(number * 1e6 / rate_hz) for number in range(len(shown_us))]
+    period_us = 1e6 / rate_hz if rate_hz > 0 else 0.0
+    even_us = [shown_us[0] + round(number * period_us) for number in range(len(shown_us))]
     worst_us = max(abs(shown - even) for shown, even in zip(shown_us, even_us, strict=True))
-    if shown_us[0] != shown_us[-1] and worst_us > _OFF_PERIODS * 1e6 / rate_hz:
+    if all_at_once or worst_us <= _OFF_PERIODS * period_us:
+        return even_us
+    if goes_back:
         raise LogError("its stamps go back, and it has no even rate", where=str(video), remedy=_STAMP_THEM)
-    return even_us
+    return shown_us
+
+
+def notes_on_video(frames: VideoFrames) -> list[str]:
+    """Sentences on how its frames are turned, and on those that the stamps of the file do not tell apart in time."""
+    asked_deg = turn_deg(frames.path)
+    name = frames.path.name
+    notes = (
+        [f"{name} asks viewers to turn it by {asked_deg} degrees: its frames were taken as they are stored."] if asked_deg else []
+    )
+    at_once = [number for number, (before, after) in enumerate(pairwise(frames.t_us), start=1) if before == after]
+    if at_once:
+        has = "has" if len(at_once) == 1 else "have"
+        told = f"Of {len(frames.t_us)} frames of {name}, {len(at_once)} {has} the time of the one before, the first being"
+        notes.append(f"{told} frame {at_once[0]} (from 0): {_STAMP_THEM}.")
+    return notes
 
 
 def _rgb(pixels: Any) -> Image | None:
