@@ -8,6 +8,7 @@ from visloc_companion.errors import MapError
 from visloc_companion.maps.manifest import read_manifest
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.raster import RasterMap
+from visloc_companion.types import GeoPoint
 
 
 def open_case_map(ortho: Path, dsm: Path | None) -> RasterMap | PackMap:
@@ -22,6 +23,11 @@ def open_case_map(ortho: Path, dsm: Path | None) -> RasterMap | PackMap:
             "is given beside a pack, which holds its own heights", where=f"dsm = {dsm}", remedy="leave the column empty"
         )
     return PackMap.open(ortho, verify_hashes=False)
+
+
+def map_near(reference: RasterMap | PackMap, place: GeoPoint) -> RasterMap | PackMap:
+    """The map of a case as it is about a place: of an orthophoto all around the earth the seam lies elsewhere."""
+    return reference.near(place.lat_deg, place.lon_deg) if isinstance(reference, RasterMap) else reference
 
 
 def picture_of(ortho: Path) -> Path:

@@ -20,7 +20,7 @@ from visloc_companion.adapters.camera.mask import decode_mask
 from visloc_companion.errors import ConfigError, MapError, OutsideMap, Reason, fault_text
 from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.case_ids import require_truth_of
-from visloc_companion.evaluate.case_map import open_case_map
+from visloc_companion.evaluate.case_map import map_near, open_case_map
 from visloc_companion.evaluate.case_places import require_truth_near
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_frame, read_truth
 from visloc_companion.evaluate.frame_sizes import mixed_sizes
@@ -124,7 +124,7 @@ def run_case(
         return CaseResult(case.case_id, None, Reason.BAD_FRAME, f"{case.frame}: {UNREADABLE}")
     try:
         model = _camera_model(case, pixels)
-        reference = _open_map(case.ortho, case.dsm)
+        reference = map_near(_open_map(case.ortho, case.dsm), case.prior.place)
         reach_m = search_reach_m(case.prior.place, reference)
     except Exception as fault:  # one case must not cost the others their answers
         return _without_answer(case, fault)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from visloc_companion.errors import MapError, OutsideMap
-from visloc_companion.evaluate.case_map import open_case_map
+from visloc_companion.evaluate.case_map import map_near, open_case_map
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_frame
 from visloc_companion.evaluate.image_metrics import CaseResult
 from visloc_companion.geo.camera import R_FRD_CAM
@@ -45,7 +45,7 @@ def case_pictures(case: Case | BadCase, truth: Truth, result: CaseResult) -> Cas
         return None
     attitude = quat_from_euler(*(math.radians(a) for a in (truth.roll_deg, truth.pitch_deg, truth.yaw_deg)))
     try:
-        ref = open_case_map(case.ortho, case.dsm)
+        ref = map_near(open_case_map(case.ortho, case.dsm), case.prior.place)
         here = _laid_out(case, pixels, ref, GeoPoint(truth.lat_deg, truth.lon_deg, truth.h_m), attitude)
     except MapError:
         return None

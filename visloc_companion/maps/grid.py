@@ -39,6 +39,7 @@ class GridMap:
         self._crs, self._pixels, self._heights, self._gsd_m = crs, pixels, heights, gsd_m
         self._T_pix_map = invert_affine(pixels.T_map_pix)
         surface = heights.layer
+        self._same_axes = surface is not None and heights.crs == crs and self._reckons_alike(surface)
         self._dsm_gsd_m = 0.0 if surface is None else ground_gsd_m(heights.crs, surface.T_map_pix, surface.shapes[0])
 
     @property
@@ -156,12 +157,11 @@ class GridMap:
 
     def _points_within(self, center_map_m: tuple[float, float], radius_map: float, max_points: int) -> FloatArray:
         """(N, 3) easting, northing, height of the surface model's samples in a circle."""
-        heights, layer = self._heights, self._heights.layer
+        layer = self._heights.layer
         if layer is None:
             raise MapError("the map has no shape: its ground is a plane", remedy="build it with --dsm or --cloud")
-        same = heights.crs == self._crs
         pixel = self._dsm_gsd_m * self._crs.linearised_at_map(*center_map_m).scale
-        T_map_pix = layer.T_map_pix if same else None
+        T_map_pix = layer.T_map_pix if self._same_axes else None
         return sampled_surface(self._height_window, T_map_pix, pixel, center_map_m, radius_map, max_points)
 
     def _on_the_raster(self, easting: float, northing: float) -> tuple[float, float]:
@@ -169,6 +169,11 @@ class GridMap:
         if (turn := self._crs.turn) is None:
             return easting, northing
         return float(near_middle(self._pixels, turn, np.array([easting]))[0]), northing
+
+    def _reckons_alike(self, surface: Layer) -> bool:
+        """Whether heights of the map's CRS have its eastings: one raster may have 190 degrees where another has -170."""
+        turn, easting = self._crs.turn, self.center_map_m[0]
+        return turn is None or abs(near_middle(surface, turn, np.array([easting]))[0] - easting) < turn / 4
 
     def picture(self, T_map_pix: FloatArray, size_px: tuple[int, int]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
         """Pixels of a (width, height) window of any (2, 3) affine, and which of them hold map (heights not asked)."""
@@ -195,7 +200,7 @@ class GridMap:
 
     def _height_pix(self, layer: Layer, map_m: FloatArray) -> FloatArray:
         """(N, 2) pix of the height layer at (N, 2) easting, northing of the map."""
-        if self._heights.crs != self._crs:
+        if not self._same_axes:
             return pix_of_geo(layer, self._heights.crs, self._crs.to_geo_array(map_m))
         return apply_affine(invert_affine(layer.T_map_pix), map_m)
 
@@ -204,7 +209,7 @@ class GridMap:
         heights = self._heights
         if heights.layer is None:
             return np.full((height, width), heights.plane_amsl_m, np.float32)
-        if heights.crs == self._crs:
+        if self._same_axes:
             return np.asarray(warp_affine(heights.layer, T_map_pix, size_px)[0], np.float32)
         layer = heights.layer
         places = warp_places(layer, lambda pix: self._height_pix(layer, apply_affine(T_map_pix, pix)), size_px)

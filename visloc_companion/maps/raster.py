@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from visloc_companion.maps.geotiff import layer_of, open_dsm, open_ortho
 from visloc_companion.maps.grid import GridMap, Heights
 from visloc_companion.maps.places import middle_of
-from visloc_companion.maps.seamless import seam_away
+from visloc_companion.maps.seamless import goes_around, seam_away
 
 
 class RasterMap(GridMap):
     """An orthophoto and, where there is one, a surface model; either may be in any projected or geographic CRS."""
+
+    def near(self, lat_deg: float, lon_deg: float) -> RasterMap:
+        """This map, but an orthophoto all around the earth, and its surface model, with the seam away from a place."""
+        if not goes_around(self._pixels, self._crs):
+            return self
+        place, heights = (lat_deg, lon_deg), self._heights
+        pixels = seam_away(self._pixels, self._crs, place)
+        surface = None if heights.layer is None else seam_away(heights.layer, heights.crs, place)
+        return RasterMap(self._crs, pixels, replace(heights, layer=surface), self._gsd_m)
 
     @classmethod
     def open(cls, ortho: Path, dsm: Path | None = None, ground_h_amsl_m: float = 0.0) -> RasterMap:

@@ -1,5 +1,6 @@
 """Rasters all around the earth, opened elsewhere: a mosaic of tiles on both sides of the antimeridian is one, as gdalbuildvrt
-makes it, and so is a global surface model. Its seam, where the last column meets the first, lies amid a map that is there."""
+makes it, and so are global surface models and images. The seam, where the last column meets the first, lies amid a map that is
+there."""
 
 from __future__ import annotations
 
@@ -56,15 +57,30 @@ class RolledLayer:
         return np.concatenate([part[0] for part in parts], axis=1), np.concatenate([part[1] for part in parts], axis=1)
 
 
+def goes_around(layer: Layer, crs: MapCrs) -> bool:
+    """Whether its first column follows its last, around the earth."""
+    return _columns_of_a_turn(layer, crs) is not None
+
+
 def seam_away(layer: Layer, crs: MapCrs, lat_lon_deg: tuple[float, float]) -> Layer:
     """The layer, opened on the other side of the earth where it goes all around and its seam lies nearer to a place than its
-    middle does."""
+    middle does; one that was opened there before is opened for this place."""
+    if isinstance(layer, RolledLayer):
+        layer = layer.layer
+    turn_px = _columns_of_a_turn(layer, crs)
+    if turn_px is None:
+        return layer
+    at = float(pix_of_geo(layer, crs, np.array([lat_lon_deg]))[0, 0])
+    return RolledLayer(layer, turn_px, turn_px // 2) if not turn_px / 4 <= at <= 3 * turn_px / 4 else layer
+
+
+def _columns_of_a_turn(layer: Layer, crs: MapCrs) -> int | None:
+    """How many columns go around the earth; None of a layer that does not, or not in whole columns."""
     T, (_, cols) = layer.T_map_pix, layer.shapes[0]
     if crs.turn is None or T[0, 1] or T[1, 0]:
-        return layer
+        return None
     turn_px = crs.turn / abs(float(T[0, 0]))
     whole = round(turn_px)
     if abs(turn_px - whole) > _EXACT or cols not in (whole, whole + 1):  # the last may repeat the first
-        return layer
-    at = float(pix_of_geo(layer, crs, np.array([lat_lon_deg]))[0, 0])
-    return RolledLayer(layer, whole, whole // 2) if not whole / 4 <= at <= 3 * whole / 4 else layer
+        return None
+    return whole

@@ -55,7 +55,7 @@ def add_features(
     dropped = {level.file for level in old.features} - {level.file for level in kept}
     files = {name: entry for name, entry in old.files.items() if name not in dropped}
     grid = _grid(old, folder)
-    dates = named_again(other_dates, old.other_dates, folder) if networks else ()
+    dates = named_again(other_dates, old.other_dates, folder, grid) if networks else ()
     made_from = [sha256_file(folder / MANIFEST), replace, finest_features_m, *((each.name, each.recipe) for each in networks)]
     used.require()
     with used, WorkFolder(folder, work_key("add", SOFTWARE, made_from)) as work:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from visloc_companion.errors import MapError
 from visloc_companion.localise.features.base import Features, Float32Array, without_margin
 from visloc_companion.maps.geotiff import files_of, stretches_of
 from visloc_companion.maps.manifest import OtherDate, SourceEntry, source_entry
+from visloc_companion.maps.seamless import seam_away
 from visloc_companion.maps.spilled import Spill
 from visloc_companion.maps.stored import NEAR_OCTAVES
 from visloc_companion.prepare.date_shift import shift_between
@@ -57,16 +58,16 @@ def dated_sources(paths: Sequence[Path], sources: Sequence[Source], grid: Target
 
     Raises MapError for a file that cannot be read, and for one that cannot be laid on them: of another place, or all water.
     """
-    return tuple(_laid(_opened(path, spill), sources, grid) for path in paths)
+    return tuple(_laid(_opened(path, spill, grid), sources, grid) for path in paths)
 
 
-def named_again(paths: Sequence[Path], entries: Sequence[OtherDate], folder: Path) -> tuple[DatedSource, ...]:
-    """The orthophotos of the dates that a pack was made of, as they were laid then.
+def named_again(paths: Sequence[Path], entries: Sequence[OtherDate], folder: Path, grid: TargetGrid) -> tuple[DatedSource, ...]:
+    """The orthophotos of the dates that a pack of this grid was made of, as they were laid then.
 
     Raises MapError where other files are named than these, in their order.
     """
     spill = Spill(folder.parent)
-    opened = [_opened(path, spill) for path in paths]
+    opened = [_opened(path, spill, grid) for path in paths]
     if [inputs for _, inputs in opened] != [entry.inputs for entry in entries]:
         names = " ".join(entry.inputs[0].file for entry in entries)
         raise MapError(
@@ -104,8 +105,10 @@ def mean_features(
     return np.asarray(total / n_dates, dtype=np.float32)
 
 
-def _opened(path: Path, spill: Spill) -> tuple[Source, tuple[SourceEntry, ...]]:
-    return ortho_source(path, stretches_of([path]), spill), tuple(map(source_entry, files_of(path)))
+def _opened(path: Path, spill: Spill, grid: TargetGrid) -> tuple[Source, tuple[SourceEntry, ...]]:
+    source = ortho_source(path, stretches_of([path]), spill)
+    layer = seam_away(source.layer, source.crs, grid.middle_lat_lon_deg)
+    return replace(source, layer=layer), tuple(map(source_entry, files_of(path)))
 
 
 def _laid(opened: tuple[Source, tuple[SourceEntry, ...]], sources: Sequence[Source], grid: TargetGrid) -> DatedSource:

@@ -60,8 +60,7 @@ def make_surface(
     """
     if not sources:
         return None
-    west, south, east, north = grid.bounds
-    here = grid.crs.to_geo((west + east) / 2, (south + north) / 2)
+    here = grid.middle_lat_lon_deg
     sources = tuple(replace(source, layer=seam_away(source.layer, source.crs, here)) for source in sources)
     datum, undulation_m = settled_datum([(source.name, source.crs) for source in sources], stated, undulation_m)
     return Surface(sources, datum, undulation_m, _height_grid(sources, grid))

@@ -16,6 +16,7 @@ from visloc_companion.maps.geotiff import Stretch, layer_of, open_ortho
 from visloc_companion.maps.layer import Layer
 from visloc_companion.maps.outlasts import outlasts_geotiff
 from visloc_companion.maps.places import middle_of
+from visloc_companion.maps.seamless import goes_around
 from visloc_companion.maps.spilled import Spill
 from visloc_companion.types import FloatArray
 
@@ -76,6 +77,12 @@ class TargetGrid:
         """West, south, east, north (map units)."""
         return self.west, self.north - self.rows * self.pixel, self.west + self.cols * self.pixel, self.north
 
+    @property
+    def middle_lat_lon_deg(self) -> tuple[float, float]:
+        """WGS 84."""
+        west, south, east, north = self.bounds
+        return self.crs.to_geo((west + east) / 2, (south + north) / 2)
+
 
 def pack_grid(sources: Sequence[Source]) -> TargetGrid:
     """The grid over all orthophotos: the first one's CRS, pixel and alignment where it is fit for it, else UTM.
@@ -84,6 +91,12 @@ def pack_grid(sources: Sequence[Source]) -> TargetGrid:
     """
     first = sources[0]
     for source in sources:
+        if goes_around(source.layer, source.crs):
+            raise MapError(
+                "goes all around the earth, and says nothing of where you fly",
+                where=source.name,
+                remedy="name the tiles of the place, on both sides of its seam where it lies there (--ortho takes several files)",
+            )
         _refuse_polar_degrees(source)
         if source.gsd_m < FINEST_M:
             raise MapError(

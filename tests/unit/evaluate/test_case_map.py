@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import pytest
 import rasterio
+from rasterio.warp import reproject
+from rasterio.windows import Window
 
 from visloc_companion.errors import MapError
 from visloc_companion.evaluate.case_map import open_case_map, picture_of
@@ -83,3 +85,30 @@ def test_the_map_of_a_case_is_a_pack_where_it_is_a_folder(folder: Path) -> None:
     assert picture_of(folder / "a.tif") == folder / "a.tif"
     with pytest.raises(MapError, match="no such file"):
         picture_of(folder)
+
+
+def test_a_frame_at_the_seam_of_a_map_around_the_earth_is_found(folder: Path, tmp_path: Path) -> None:
+    """Of a global image half of what lay about the antimeridian was no map."""
+    utm, cols, rows, wide = "EPSG:32660", 36_000_000, 512, 512
+    east, north = map_crs(utm).to_map(-16.8, 180.0)
+    here, step = rasterio.Affine(1.0, 0.0, east - 160, 0.0, -1.0, north + 160), 360 / cols
+    to = rasterio.Affine(step, 0, 180 - step * wide / 2, 0, -step, -16.8 + step * rows / 2)
+    about = np.zeros((rows, wide), np.uint8)
+    reproject(picture(1), about, src_transform=here, src_crs=utm, dst_transform=to, dst_crs="EPSG:4326")
+    profile = {"width": cols, "height": rows, "count": 1, "dtype": "uint8", "crs": "EPSG:4326", "nodata": 0, "SPARSE_OK": True}
+    place = rasterio.Affine(step, 0, -180, 0, -step, to.f)
+    with rasterio.open(tmp_path / "globe.tif", "w", "GTiff", transform=place, tiled=True, **profile) as out:
+        out.write(about[:, : wide // 2], 1, window=Window(cols - wide // 2, 0, wide // 2, rows))
+        out.write(about[:, wide // 2 :], 1, window=Window(0, 0, wide // 2, rows))
+    with (folder / "cases.csv").open(newline="") as stream:
+        case = next(csv.DictReader(stream)) | {"ortho": "globe.tif", "frame": str(folder / "f.png"), "sigma_yaw_deg": "3"}
+    case |= {"prior_lat_deg": "-16.80003", "prior_lon_deg": "-179.99996"}
+    with (tmp_path / "cases.csv").open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, case)
+        writer.writeheader()
+        writer.writerow(case)
+    _, (result,) = evaluate_image(tmp_path, "gradient")
+    assert result.fix is not None, result.detail
+    at = map_crs(utm).to_map(result.fix.place.lat_deg, result.fix.place.lon_deg)
+    assert math.hypot(at[0] - east, at[1] - north) < 1.0
+    assert result.evidence["blocks"] > 35, "of all of the frame, of half of it 24"
