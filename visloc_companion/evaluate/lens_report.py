@@ -10,7 +10,7 @@ from visloc_companion.evaluate.report_parts import html_page, tiles
 from visloc_companion.evaluate.report_svg import circle, figure, legend, line, rect
 from visloc_companion.prepare.lens.calibrate import Calibration
 from visloc_companion.prepare.lens.document import left_out_words, share_words
-from visloc_companion.prepare.lens.limits import FOCAL_SHARE, Shortcoming, rms_limit_px, shortcomings
+from visloc_companion.prepare.lens.limits import FOCAL_SHARE, Shortcoming, rms_limit_px, shortcomings, unseen_words
 from visloc_companion.prepare.lens.view import all_residuals_px
 
 _WIDTH, _PAD = 640.0, 12.0
@@ -91,11 +91,15 @@ def _coverage(of: Calibration) -> str:
         for column in range(across):
             n, lit = int(cov.counts[row, column]), bool(cov.lit[row, column])
             css = "s-waiting" if not lit else "s-ok" if n else "s-denied"
-            words = f"{n} corners" if lit else "black in every picture"
+            sigma_px = float(of.ray_sigmas_px[row, column])
+            sure = f"rays ± {sigma_px:.2g} px at its far end" if np.isfinite(sigma_px) else "the lens folds before its far end"
+            words = f"{n} corners, {sure}" if lit else "black in every picture"
             parts.append(rect(_PAD + column * cell_w, _PAD + row * cell_h, cell_w - 1, cell_h - 1, css, words))
     dots = np.concatenate([view.pix for view in of.views])
     parts += [circle(_PAD + (u + 0.5) * scale, _PAD + (v + 0.5) * scale, 1.6, "mark") for u, v in dots.tolist()]
     told = f" Few or none: {', '.join(cov.emptiest)}." if cov.emptiest else ""
+    if (guessed := of.least_sure) is not None:
+        told += f" Least sure of what shows none: {unseen_words(guessed)}."
     key = legend([("band s-ok", "corners were seen"), ("band s-denied", "none"), ("band s-waiting", "the lens shows nothing")])
     label = "Where corners of the board were seen"
     return (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -15,11 +16,13 @@ from visloc_companion.prepare.lens.board import Board
 from visloc_companion.prepare.lens.centre import OffCentre
 from visloc_companion.prepare.lens.choose import MODELS, Candidate, candidates, chosen
 from visloc_companion.prepare.lens.coverage import Coverage, coverage
+from visloc_companion.prepare.lens.fit import folds
 from visloc_companion.prepare.lens.flat import Warp, warp
 from visloc_companion.prepare.lens.look import Looked, look_at
 from visloc_companion.prepare.lens.pictures import Picture
 from visloc_companion.prepare.lens.strays import without_strays
 from visloc_companion.prepare.lens.sure import covariance
+from visloc_companion.prepare.lens.unseen import Unseen, least_sure, ray_sigmas_px
 from visloc_companion.prepare.lens.view import Lens, View, all_residuals_px
 from visloc_companion.types import DistortionModel, FloatArray
 
@@ -29,7 +32,7 @@ OUTLYING, OUTLYING_PX, MOST_OUTLYING = 3.0, 0.25, 0.2
 """A view that errs so many times as much as most, and by so much, was moving, or its sheet was bent; at most this share may."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Calibration:
     """`lens` is that of `candidate`, one of `judged`, on `views`; `covariance` as sure.covariance has it, with what the model
     cannot say of a lens out of centre (`off_centre`); `sheet` what the views tell of the sheet they show, `scatter` whether they
@@ -83,6 +86,21 @@ class Calibration:
         """Where in the picture the corners that were used lie."""
         pix = np.concatenate([view.pix for view in self.views])
         return coverage(pix, self.looked.size_px, self.looked.lit)
+
+    @cached_property
+    def ray_sigmas_px(self) -> FloatArray:
+        """(down, across) as unseen.ray_sigmas_px has it."""
+        return ray_sigmas_px(self.lens.model, self.candidate.without, self.views)
+
+    @property
+    def least_sure(self) -> Unseen | None:
+        """Where rays are least sure, of the parts that show anything and in which no corner was seen; None without one."""
+        return least_sure(self.ray_sigmas_px, self.coverage)
+
+    @property
+    def folds(self) -> bool:
+        """Whether the lens folds before corners that were seen."""
+        return folds(self.lens, self.views)
 
 
 def calibrate(

@@ -31,13 +31,14 @@ where it is held out, under the right model as well, for nothing tells that what
 class Candidate:
     """A model fitted to all views, with the (V,) mean square, px², of each view's residuals (of both axes) under the lens that
     was fitted without it. `off_centre`: what the views tell of a lens out of centre, which the model cannot say; `why_not`: what
-    forbids it, empty where nothing does."""
+    forbids it, empty where nothing does; `without`: the lenses that were fitted without a fold of the views each."""
 
     kind: DistortionModel
     lens: Lens | None
     held_out_px2: FloatArray
     why_not: str = ""
     off_centre: OffCentre = IN_CENTRE
+    without: tuple[CameraModel, ...] = ()
 
     @property
     def rms_px(self) -> float:
@@ -84,10 +85,12 @@ def errs_more(one: Candidate, other: Candidate) -> bool:
 
 def _judged(kind: DistortionModel, views: Sequence[View], size_px: tuple[int, int], near: CameraModel | None) -> Candidate:
     held_out = np.full(len(views), np.nan)
+    without = []
     try:
         whole = fit(kind, views, size_px, near)
         for fold in range(FOLDS):
             rest = fit(kind, [view for k, view in enumerate(views) if k % FOLDS != fold], size_px, whole.model)
+            without.append(rest.model)
             for k in range(fold, len(views), FOLDS):
                 pose = placed(rest.model, whole.poses[k], views[k])
                 held_out[k] = np.mean(np.square(residuals_px(rest.model, pose, views[k])))
@@ -96,4 +99,4 @@ def _judged(kind: DistortionModel, views: Sequence[View], size_px: tuple[int, in
         return Candidate(kind, None, np.zeros(0), str(why))
     except ConfigError as why:
         return Candidate(kind, whole, held_out, why.what)
-    return Candidate(kind, whole, held_out, off_centre=off_centre(whole, views))
+    return Candidate(kind, whole, held_out, off_centre=off_centre(whole, views), without=tuple(without))

@@ -48,6 +48,14 @@ class Coverage:
         return found
 
 
+def part_of(row: int, column: int) -> str:
+    """The name of the ninth of the picture in which one of look.CELLS lies."""
+    across, down = CELLS
+    ninths = [np.array_split(np.arange(n), 3) for n in (down, across)]
+    v, u = (next(k for k, part in enumerate(parts) if at in part) for parts, at in zip(ninths, (row, column), strict=True))
+    return _NAMES[3 * v + u]
+
+
 _NAMES = [("centre" if v == u == "middle" else f"{v} {u}") for v in _ROWS for u in _COLUMNS]
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from visloc_companion.geo.pinhole_view import field_of_view_deg, inner_reach
 from visloc_companion.prepare.lens.calibrate import Calibration
 from visloc_companion.prepare.lens.choose import Candidate
-from visloc_companion.prepare.lens.limits import Shortcoming, rms_limit_px, scatter_words, sheet_words, shortcomings
+from visloc_companion.prepare.lens.limits import Shortcoming, rms_limit_px, scatter_words, sheet_words, shortcomings, unseen_words
 from visloc_companion.prepare.lens.section import section
 
 
@@ -45,6 +45,7 @@ def document(of: Calibration) -> dict[str, Any]:
         "off_centre": {"cx_px": of.off_centre.step[2].item(), "cy_px": of.off_centre.step[3].item(), "sure": of.off_centre.sure},
         "between_views": {"focal_share": of.scatter.focal_share, "centre_px": of.scatter.centre_px},
         "coverage": {"cells": cov.counts.tolist(), "share": cov.share, "empty_corners": cov.empty_corners},
+        "ray_sigma_px": [[_finite(value) for value in row] for row in of.ray_sigmas_px.tolist()],
         "good": not shortcomings(of),
         "shortcomings": [{"what": each.what, "remedy": each.remedy} for each in shortcomings(of)],
     }
@@ -84,6 +85,8 @@ def lines(of: Calibration) -> Iterator[str]:
     cov = of.coverage
     where = f"; few or none: {', '.join(cov.emptiest)}" if cov.emptiest else ""
     yield f"corners were seen in {100 * cov.share:.0f} % of the picture's parts{where}"
+    if (guessed := of.least_sure) is not None:
+        yield f"where none were seen the lens is guessed: {unseen_words(guessed)}"
 
 
 def comment(of: Calibration, when: date) -> str:

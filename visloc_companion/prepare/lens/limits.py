@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from visloc_companion.prepare.lens.calibrate import Calibration
 from visloc_companion.prepare.lens.flat import Warp
+from visloc_companion.prepare.lens.unseen import Unseen
 
 FOCAL_SHARE = 0.005
 """1-sigma of the focal length, its error for a sheet that is not flat, and its 1-sigma between views: half a percent of every
@@ -46,6 +49,16 @@ def _scatter_shares(of: Calibration) -> tuple[float, float]:
     return of.scatter.focal_share, of.scatter.centre_px / of.lens.model.fx_px
 
 
+def ray_limit_px(of: Calibration) -> float:
+    """Most of the 1-sigma of rays where no corner was seen: what the principal point may differ by."""
+    return FOCAL_SHARE * of.lens.model.fx_px
+
+
+def unseen_words(of: Unseen) -> str:
+    """How sure rays are there."""
+    return f"{of.part}, rays are 1-sigma {of.sigma_px:.2g} px off" if np.isfinite(of.sigma_px) else f"{of.part}, it folds back"
+
+
 def shortcomings(of: Calibration) -> list[Shortcoming]:
     """What the calibration does not meet; empty where it is good."""
     found = []
@@ -79,6 +92,21 @@ def shortcomings(of: Calibration) -> list[Shortcoming]:
             Shortcoming(
                 f"views held out are {of.candidate.rms_px:.2f} px off, at most {limit_px:.2f} may be",
                 "hold camera and board still (a rolling shutter bends what moves), in more light, the sheet flat",
+            )
+        )
+    if of.folds:
+        found.append(
+            Shortcoming(
+                "the lens folds back before corners that were seen, and has no rays for what lies further out",
+                "more views, with the board towards the picture's border, or --model fisheye",
+            )
+        )
+    if (guessed := of.least_sure) is not None and guessed.sigma_px > ray_limit_px(of):
+        found.append(
+            Shortcoming(
+                f"the lens is guessed where no corner of the board was seen: {unseen_words(guessed)}, "
+                f"at most {ray_limit_px(of):.1f} px may be",
+                f"more views with the board over the border of the picture, {guessed.part}",
             )
         )
     if corners := of.coverage.empty_corners:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from visloc_companion.prepare.lens.fit import free_numbers
 from visloc_companion.prepare.lens.view import Lens, View, beside_poses
 from visloc_companion.types import FloatArray
 
@@ -18,14 +19,19 @@ _LEAST_SCALE = 1e-12
 
 
 def covariance(lens: Lens, views: Sequence[View]) -> FloatArray:
-    """(4 + K, 4 + K) of fx, fy, cx, cy (px) and the coefficients; infinite where the views without one of them leave it open."""
+    """(4 + K, 4 + K) of fx, fy, cx, cy (px) and the coefficients; zero of one that was not fitted, infinite where the views
+    without one of them leave it open."""
     told, pulls = beside_poses(lens, views)
-    whole, n = np.sum(told, axis=0), len(views)
+    free = free_numbers(lens.model)
+    size, n = pulls[0].size, len(views)
+    told, pulls = [a[np.ix_(free, free)] for a in told], [g[free] for g in pulls]
+    whole = np.sum(told, axis=0)
     scale = 1 / np.sqrt(np.maximum(np.diag(whole), _LEAST_SCALE))
     outer = np.outer(scale, scale)
     try:
         steps = np.array([scale * np.linalg.solve((whole - a) * outer, g * scale) for a, g in zip(told, pulls, strict=True)])
     except np.linalg.LinAlgError:
-        return np.full(whole.shape, np.inf)
-    found = (n - 1) / n * steps.T @ steps
-    return found if np.isfinite(found).all() else np.full(whole.shape, np.inf)
+        return np.full((size, size), np.inf)
+    found = np.zeros((size, size))
+    found[np.ix_(free, free)] = (n - 1) / n * steps.T @ steps
+    return found if np.isfinite(found).all() else np.full((size, size), np.inf)
