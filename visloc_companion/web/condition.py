@@ -19,7 +19,8 @@ SEVERITIES = ("info", "notice", "warning", "critical")
 
 
 def injection(snapshot: dict[str, Any]) -> dict[str, Any]:
-    """Whether positions go to the autopilot now, why those that should do not, and how many have."""
+    """Whether positions go to the autopilot now, why those that should do not, and how many have; of a journal, which does not
+    say what went out, how many were `given` to be sent."""
     sent = part(snapshot, "injections")
     injected = flag(part(snapshot, "status").get("injected"))
     says = {True: "sending positions to the autopilot", False: "not sending", None: "not known"}[injected]
@@ -27,7 +28,8 @@ def injection(snapshot: dict[str, Any]) -> dict[str, Any]:
     if withheld:
         injected, says = False, f"positions are NOT SENT: {withheld}"
     sums = {name: count(sent.get(name)) for name in ("sent", "dropped")}
-    return {"now": injected, "says": says, "withheld": withheld, **sums}
+    given = {"given": count(sent["given"])} if "given" in sent else {}
+    return {"now": injected, "says": says, "withheld": withheld, **sums, **given}
 
 
 def line(snapshot: dict[str, Any]) -> dict[str, Any]:

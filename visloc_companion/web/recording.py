@@ -29,7 +29,7 @@ class Flight:
     def __init__(self) -> None:
         self._seen = Seen()
         self._status: Status | None = None
-        self._now_ns = self._sent = 0
+        self._now_ns = self._given = 0
         self._link_up = self._camera = False
         self._worker: dict[str, Any] | None = None
 
@@ -58,7 +58,7 @@ class Flight:
         if isinstance(command, Status):
             self._status = command
         elif isinstance(command, Injection):
-            self._sent += 1
+            self._given += 1
 
     def snapshot(self) -> dict[str, Any]:
         """In the shape of `Daemon.snapshot`, of what a journal holds."""
@@ -69,7 +69,7 @@ class Flight:
             "link_up": self._link_up,
             "worker": self._worker,
             "journal": {"dropped": 0, "problem": ""},
-            "injections": {"sent": self._sent, "dropped": None},
+            "injections": {"given": self._given, "sent": None, "dropped": None},
             "late": [],
             "camera": self._camera,
             **self._seen.snapshot(self._now_ns),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from visloc_companion.types import (
     Fix,
     FrameRef,
     GeoPoint,
+    Injection,
     LinkChanged,
     Mode,
     Notice,
@@ -21,6 +23,7 @@ from visloc_companion.types import (
     Status,
     Verdict,
 )
+from visloc_companion.web import condition
 from visloc_companion.web.heard import Heard
 from visloc_companion.web.recording import REST_S, Recording
 from visloc_companion.web.view import view_of
@@ -114,3 +117,22 @@ def test_what_is_no_journal_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("not a journal")
     with pytest.raises(JournalError, match=r"notes\.txt: is not a journal"):
         Recording(tmp_path / "notes.txt", 1.0)
+
+
+def test_a_journal_tells_what_was_given_not_what_was_sent(tmp_path: Path) -> None:
+    """Positions that the link keeps back are commands of the navigator's all the same."""
+    path = tmp_path / "flight.mcap"
+    writer = JournalWriter(path.open("xb"), JournalHeader({}), path=path)
+    for k in range(3):
+        t_ns = T0_NS + k
+        writer.command(t_ns, status(t_ns, Mode.AIDING, 1.0))
+        writer.command(t_ns, Injection(t_ns, (1.0, 2.0, -3.0), PLACE, EAST, ((1.0, 0.0), (0.0, 1.0)), 1.0, 0.1, 0))
+    writer.close()
+    now_s = [0.0]
+    recording = Recording(path, 1.0, clock_s=lambda: now_s[0])
+    asyncio.run(recording.ask())
+    now_s[0] = 0.5
+    snapshot = asyncio.run(recording.ask())
+    assert snapshot["injections"] == {"given": 3, "sent": None, "dropped": None}
+    shown = condition.injection(snapshot)
+    assert (shown["given"], shown["sent"], shown["now"]) == (3, None, True)

@@ -36,7 +36,8 @@ export function labels(view) {
   badge("verdict", TONE[gnss.verdict] ?? "warn", gnss.label, gnss.says[0] ?? "");
   const level = integrity.protection_level_m;
   badge("integrity", integrity.alert ? "bad" : integrity.available ? "good" : "warn", level === null ? (position ? "no level" : "none") : `± ${metres(level)}`, integrity.says);
-  const so_far = injection.sent === null ? "" : `${injection.sent} positions so far`;
+  const given = `${injection.given} positions given so far; a journal does not say which went out`;
+  const so_far = injection.sent !== null ? `${injection.sent} positions so far` : injection.given === undefined ? "" : given;
   if (injection.withheld) badge("sending", "bad", "NOT SENT", injection.withheld);
   else badge("sending", injection.now ? "calm" : "none", injection.now === null ? "–" : injection.now ? "SENDING" : "not sending", so_far);
   place(position, integrity);
