@@ -45,13 +45,21 @@ def image(
     list_methods: Annotated[bool, typer.Option("--list-methods", help="Print the methods of this version.")] = False,
 ) -> None:
     """Place frames on a map: fixes, errors against the truth, claimed accuracy and time."""
+    from visloc_companion.errors import ConfigError
     from visloc_companion.evaluate.map_sigma import stated
-    from visloc_companion.localise.registry import METHODS
+    from visloc_companion.localise.registry import METHODS, needs_features
     from visloc_companion.localise.runtime import NetworkChoice
 
     folder = chosen_cases(cases, method, METHODS, list_methods, "visloc evaluate image FOLDER (with cases.csv)")
     if folder is not None:
-        network = NetworkChoice(model, _providers(provider or ["cpu"]))
+        providers = _providers(provider or ["cpu"])
+        if not needs_features(method) and (model is not None or provider):
+            raise ConfigError(
+                f"means nothing with --method {method}, which has no network",
+                where="--provider" if model is None else "--model",
+                remedy=f"leave it out, or name {DEFAULT_METHOD}",
+            )
+        network = NetworkChoice(model, providers)
         _run(folder, method, jobs, limit, json_file, report, network, stated(map_sigma_m, map_sigma_h_m))
 
 
@@ -80,12 +88,13 @@ def _run(
     from visloc_companion.cli.figures import figure_lines
     from visloc_companion.cli.progress import make_folder, require_folder, results_into, write_json
     from visloc_companion.errors import Reason
-    from visloc_companion.evaluate.cases import read_cases, read_truth
+    from visloc_companion.evaluate.cases import read_by, read_cases, read_truth
     from visloc_companion.evaluate.image import evaluate_image
     from visloc_companion.evaluate.image_report import write_image_report
 
     make_folder(report, "--report")
-    require_folder(json_file, "--json", cases / "cases.csv", cases / "truth.csv")
+    require_folder(json_file, "--json", cases, cases / "cases.csv", cases / "truth.csv")
+    require_folder(json_file, "--json", *read_by(cases))
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(method, total=None)
         document, results = evaluate_image(

@@ -35,10 +35,12 @@ def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path
     from visloc_companion.cli.progress import bar, make_folder, require_folder, results_into, write_json
     from visloc_companion.errors import Reason
     from visloc_companion.evaluate.cloud import evaluate_cloud
+    from visloc_companion.evaluate.cloud_cases import read_by
     from visloc_companion.evaluate.cloud_report import write_cloud_report
 
     make_folder(report, "--report")
-    require_folder(json_file, "--json", cases / "cases.json", cases / "truth.json")
+    require_folder(json_file, "--json", cases, cases / "cases.json", cases / "truth.json")
+    require_folder(json_file, "--json", *read_by(cases))
     with bar(method, 1.0) as advance:
         document, results = evaluate_cloud(cases, method, jobs, limit, lambda done, total: advance(done / total))
     for result in results:

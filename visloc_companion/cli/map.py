@@ -190,7 +190,7 @@ def info(pack: Pack, trusted_key: TrustedKeys = None, json_file: Json = None) ->
     from visloc_companion.maps.signature import public_keys
     from visloc_companion.prepare.check import pack_info
 
-    require_folder(json_file, "--json", pack / MANIFEST)
+    require_folder(json_file, "--json", pack, pack / MANIFEST, *(trusted_key or ()))
     trusted = trusted_key or []
     opened = PackMap.open(pack, verify_hashes=False, trusted=public_keys(trusted, "--trusted-key"))
     result = pack_info(opened, pack) | {"signature": signature_info(pack, trusted)}
@@ -215,7 +215,7 @@ def check(
     from visloc_companion.prepare.check import check_pack
     from visloc_companion.prepare.heights import described_plane, described_range
 
-    require_folder(json_file, "--json", route, pack / MANIFEST)
+    require_folder(json_file, "--json", route, pack, pack / MANIFEST, *(trusted_key or ()))
     trusted = trusted_key or []
     verified = _verified(pack, trusted)
     signature = signature_info(pack, trusted)

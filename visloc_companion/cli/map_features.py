@@ -57,7 +57,7 @@ def features(
 
     if model == NO_MODEL and not replace:
         raise ConfigError(f"--model {NO_MODEL} stores nothing", remedy="name a model, or drop all networks' with --replace")
-    require_folder(json_file, "--json", pack / MANIFEST, *(other_dates or ()))
+    require_folder(json_file, "--json", pack, pack / MANIFEST, *(other_dates or ()))
     signer = chosen_signer(sign_key, passphrase_file)
     networks = () if model == NO_MODEL else (_opened(model),)
     was_signed = (pack / SIGNATURE).exists()

@@ -18,6 +18,8 @@ from visloc_companion.errors import ConfigError
 from visloc_companion.whole_file import write_result
 
 PLAIN_STEPS = 10
+RESULTS = (".json", ".html")
+"""What stands in a folder under such a name is of a run before, and may be replaced, unless it is named itself."""
 UNNAMEABLE = "backslashreplace"
 """What becomes of bytes in a file's name that are no UTF-8: as the escape that JSON reads, never the end of an hour's work."""
 
@@ -62,7 +64,7 @@ def spinner(what: str) -> Iterator[Callable[[str], None]]:
 
 def require_folder(path: Path | None, option: str, *others: Path | None) -> None:
     """Find out before long work that its result could not be written, or would replace one of the `others`: what the command
-    reads, or writes besides. Raises ConfigError naming the option."""
+    reads, or writes besides; of a folder everything in it that is no result (`RESULTS`). Raises ConfigError naming the option."""
     if path is None:
         return
     try:
@@ -84,6 +86,18 @@ def _require_folder(path: Path, option: str, others: tuple[Path | None, ...]) ->
         raise ConfigError("may not be written", where=str(path), remedy=f"name a writable file for {option}")
     if any(other is not None and _is_same(path, other) for other in others):
         raise ConfigError("is named twice, and would be overwritten", where=str(path), remedy=f"name another file for {option}")
+    if any(other is not None and _is_part_of(path, other) for other in others):
+        what = "is part of what is read, and would be overwritten"
+        raise ConfigError(what, where=str(path), remedy=f"name another file for {option}")
+
+
+def _is_part_of(path: Path, folder: Path) -> bool:
+    return (
+        path.suffix.lower() not in RESULTS
+        and path.is_file()
+        and folder.is_dir()
+        and path.resolve().is_relative_to(folder.resolve())
+    )
 
 
 def _is_same(path: Path, other: Path) -> bool:

@@ -48,7 +48,9 @@ def replay(
 
     parse_gate(gate)
     make_folder(out, "--out")
-    require_folder(json, "--json", flight, config, *(out / name for name in ("epochs.csv", "report.html") if out is not None))
+    require_folder(
+        json, "--json", flight, pack, config, *(out / name for name in ("epochs.csv", "report.html") if out is not None)
+    )
     with read_once():
         source = open_source(flight, pack, config, salvage, _speed(speed), system_id, boot, rerun=rerun)
     record = source.record()

@@ -23,7 +23,9 @@ COLUMNS = (
 TRUTH_NEEDED = ("id", "lat_deg", "lon_deg")
 TRUTH_COLUMNS = (*TRUTH_NEEDED, "h_m", "roll_deg", "pitch_deg", "yaw_deg")
 LARGEST = 1e9
-"""No uncertainty is larger, in whatever unit; squares of larger ones leave the range of numbers."""
+"""No number of a case is larger, in whatever unit; squares of larger ones leave the range of numbers."""
+LEAST_FOCAL_PX = 1.0
+"""No lens shows all that is before it on less than some pixels."""
 EULER_COLUMNS = ("prior_roll_deg", "prior_pitch_deg", "prior_yaw_deg")
 
 BEYOND = "\0"
@@ -101,6 +103,12 @@ def read_cases(folder: Path) -> list[Case | BadCase]:
     cases = [_case(folder, row, k) for k, row in enumerate(_table(path, COLUMNS))]
     require_distinct([case.case_id for case in cases], path)
     return cases
+
+
+def read_by(folder: Path) -> set[Path]:
+    """The frames, maps and masks that cases name; a map may be a folder. Raises CasesError as `read_cases`."""
+    cases = [case for case in read_cases(folder) if isinstance(case, Case)]
+    return {file for case in cases for file in (case.frame, case.ortho, case.dsm, case.mask) if file is not None}
 
 
 def read_truth(folder: Path) -> dict[str, Truth]:
@@ -199,6 +207,8 @@ def _camera(row: dict[str, str]) -> Camera:
     fx, fy, cx, cy = (_number(row, c) for c in ("fx_px", "fy_px", "cx_px", "cy_px"))
     if min(fx, fy) <= 0:
         raise ValueError(f"focal length is not positive: {fx}, {fy}")
+    if min(fx, fy) < LEAST_FOCAL_PX:
+        raise ValueError(f"fx_px and fy_px are no lens's: {fx}, {fy} (write pixels)")
     name = row.get("distortion_model") or "brown_conrady"
     models = {str(model): model for model in DISTORTION_COEFFICIENTS}
     if name not in models:
@@ -236,18 +246,21 @@ def _named(row: dict[str, str], column: str) -> str:
 
 def _number(row: dict[str, str], column: str) -> float:
     try:
-        value = float(row[column])
+        value = float(row[column].replace("_", "no digit"))  # Python takes 1_0 for ten
     except ValueError:
-        raise ValueError(f"{column} is not a number: {row[column]!r}") from None
+        remedy = " (write decimals with a point)" if "," in row[column] else ""
+        raise ValueError(f"{column} is not a number: {row[column]!r}{remedy}") from None
     if not math.isfinite(value):
         raise ValueError(f"{column} is not finite: {row[column]!r}")
+    if abs(value) > LARGEST:
+        raise ValueError(f"{column} is too large: {value}")
     return value
 
 
 def _sigma(row: dict[str, str], column: str) -> float:
     value = _number(row, column)
-    if not 0 <= value <= LARGEST:
-        raise ValueError(f"{column} is {'negative' if value < 0 else 'too large'}: {value}")
+    if value < 0:
+        raise ValueError(f"{column} is negative: {value}")
     return value
 
 

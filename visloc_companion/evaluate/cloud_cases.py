@@ -64,6 +64,11 @@ def read_cloud_cases(folder: Path) -> list[CloudCase | BadCloudCase]:
     return cases
 
 
+def read_by(folder: Path) -> set[Path]:
+    """The clouds that cases read. Raises CasesError as `read_cloud_cases`."""
+    return {file for case in read_cloud_cases(folder) if isinstance(case, CloudCase) for file in (case.source, case.reference)}
+
+
 def read_cloud_truth(folder: Path) -> dict[str, FloatArray]:
     """T_reference_source (4, 4) by case id; empty where there is no `truth.json`. Raises CasesError for one that is none."""
     path = folder / "truth.json"

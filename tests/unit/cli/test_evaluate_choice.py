@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from visloc_companion.cli.evaluate import evaluate_app
 from visloc_companion.cli.evaluate_choice import chosen_cases
 from visloc_companion.errors import ConfigError
 
@@ -32,3 +34,11 @@ def test_what_is_missing_is_said_with_the_remedy(cases: Path | None, method: str
     with pytest.raises(ConfigError) as refused:
         chosen_cases(cases, method, METHODS, False, EXAMPLE)
     assert str(refused.value) == words
+
+
+@pytest.mark.parametrize("option", ["--model", "--provider"])
+def test_a_network_is_chosen_for_methods_that_have_one(option: str, tmp_path: Path) -> None:
+    """A folder that there is not, and a provider that cannot be used, went by without a word."""
+    ended = CliRunner().invoke(evaluate_app, ["image", str(tmp_path), "--method", "gradient", option, "cuda"])
+    assert isinstance(ended.exception, ConfigError)
+    assert str(ended.exception).startswith(f"{option}: means nothing with --method gradient")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from visloc_companion.cli import progress
 from visloc_companion.cli.main import app
 from visloc_companion.cli.progress import bar, require_folder, results_into, spinner, write_json
 from visloc_companion.errors import ConfigError
+from visloc_companion.evaluate.cases import COLUMNS
 
 
 def test_a_bar_tells_every_tenth_once(capsys: pytest.CaptureFixture[str]) -> None:
@@ -157,8 +160,51 @@ def test_no_result_replaces_what_is_read_or_written_besides(
     assert Path("FILE").read_text(encoding="utf-8") == "kept"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ("evaluate image CASES --method gradient --json f.png", "f.png"),
+        ("evaluate image CASES --method gradient --json CASES/notes.txt", "notes.txt"),
+        ("evaluate image CASES --method gradient --json a.tif", "a.tif"),
+        ("evaluate image CASES --method gradient --json PACK/ortho.tif", "ortho.tif"),
+        ("evaluate cloud CASES --json cloud.npz", "cloud.npz"),
+        ("replay FLIGHT --json FLIGHT/frames/f.png", "f.png"),
+        ("replay FLIGHT --map PACK --json PACK/ortho.tif", "ortho.tif"),
+        ("sim --scenario jam --map PACK --json PACK/ortho.tif", "ortho.tif"),
+        ("sim --scenario jam --map PACK --report PACK/ortho.tif", "ortho.tif"),
+        ("map info PACK --json PACK/ortho.tif", "ortho.tif"),
+        ("map check PACK --json PACK/ortho.tif", "ortho.tif"),
+        ("map check PACK --trusted-key fleet.pub --json fleet.pub", "fleet.pub"),
+        ("map features PACK --json PACK/ortho.tif", "ortho.tif"),
+    ],
+)
+def test_no_result_replaces_a_file_that_what_is_read_names(
+    arguments: str, named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A frame, an orthophoto and a pack's picture were gone after a slip, with exit code 0."""
+    monkeypatch.chdir(tmp_path)
+    kept = ["f.png", "a.tif", "cloud.npz", "fleet.pub", "CASES/notes.txt", "FLIGHT/frames/f.png", "PACK/ortho.tif"]
+    for name in kept:
+        Path(name).parent.mkdir(parents=True, exist_ok=True)
+        Path(name).write_text("kept", encoding="utf-8")
+    row = dict.fromkeys(COLUMNS, "1") | {"frame": "../f.png", "ortho": "../a.tif", "dsm": ""}
+    with Path("CASES/cases.csv").open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, COLUMNS)
+        writer.writeheader()
+        writer.writerows([row, row | {"id": "2", "ortho": str(tmp_path / "PACK")}])
+    sigmas = dict.fromkeys(("horizontal_m", "vertical_m", "yaw_deg", "tilt_deg", "scale"), 1)
+    cloud = {"id": "1", "source": "../cloud.npz", "reference": "../cloud.npz", **{f"sigma_{k}": v for k, v in sigmas.items()}}
+    Path("CASES/cases.json").write_text(json.dumps([cloud]), encoding="utf-8")
+    ended = CliRunner().invoke(app, arguments.split())
+    assert isinstance(ended.exception, ConfigError), ended.exception
+    assert re.search(rf"{named}: is (part of what is read|named twice), and would be overwritten", str(ended.exception))
+    assert all(Path(name).read_text(encoding="utf-8") == "kept" for name in kept)
+
+
 def test_results_may_share_a_pipe_and_replace_older_ones(tmp_path: Path) -> None:
     older = tmp_path / "result.json"
     older.touch()
     require_folder(older, "--json", tmp_path / "flight.tlog", None)
+    require_folder(older, "--json", tmp_path)
+    require_folder(tmp_path / "new.txt", "--json", tmp_path)
     require_folder(Path("/dev/null"), "--json", Path("/dev/null"))

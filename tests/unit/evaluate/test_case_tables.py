@@ -89,3 +89,24 @@ def test_rows_with_decimal_commas_are_bad_cases_and_blanks_at_their_end_are_none
     (tmp_path / "truth.csv").write_text("id,lat_deg,lon_deg,h_m,roll_deg,pitch_deg,yaw_deg\nc0,47,5,9,100,0,0,0\n")
     with pytest.raises(CasesError, match=r"truth\.csv, row 1: has more fields than there are columns \('0'\).*"):
         read_truth(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("column", "text", "why"),
+    [
+        ("fx_px", "1e308", "fx_px is too large: 1e+308"),
+        ("fy_px", "1e-308", "fx_px and fy_px are no lens's: "),
+        ("distortion", "1e308 0", "distortion is too large"),
+        ("prior_h_m", "-1e300", "prior_h_m is too large: -1e+300"),
+        ("prior_yaw_deg", "1e200", "prior_yaw_deg is too large"),
+        ("prior_h_m", "1_0", "prior_h_m is not a number: '1_0'"),
+        ("prior_h_m", "1,5", "prior_h_m is not a number: '1,5' (write decimals with a point)"),
+    ],
+)
+def test_numbers_that_nothing_can_be_reckoned_with_are_named(tmp_path, folder, column, text, why):
+    """The reason of the case was `ZeroDivisionError: float division by zero (plan.py:185)`, and 1_0 was ten."""
+    with (folder / "cases.csv").open(newline="") as stream:
+        row = next(csv.DictReader(stream))
+    write(tmp_path / "cases.csv", [row | {column: text}])
+    (case,) = read_cases(tmp_path)
+    assert isinstance(case, BadCase) and case.why.startswith(why)
