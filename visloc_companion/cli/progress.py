@@ -92,18 +92,18 @@ def _require_folder(path: Path, option: str, others: tuple[Path | None, ...]) ->
 
 
 def _is_part_of(path: Path, folder: Path) -> bool:
-    return (
-        path.suffix.lower() not in RESULTS
-        and path.is_file()
-        and folder.is_dir()
-        and path.resolve().is_relative_to(folder.resolve())
-    )
+    return path.suffix.lower() not in RESULTS and path.is_file() and folder.is_dir() and _real(path).is_relative_to(_real(folder))
 
 
 def _is_same(path: Path, other: Path) -> bool:
     if path.exists() and not path.is_file():  # /dev/stdout, a pipe: these take more than one
         return False
-    return path.samefile(other) if path.exists() and other.exists() else path.resolve() == other.resolve()
+    return path.samefile(other) if path.exists() and other.exists() else _real(path) == _real(other)
+
+
+def _real(path: Path) -> Path:
+    """Where it leads to; links that lead in a circle, at which Path.resolve raises, stay as they are."""
+    return Path(os.path.realpath(path))
 
 
 @contextmanager

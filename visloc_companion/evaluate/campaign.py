@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -19,6 +18,7 @@ from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError, WorkerError, did_you_mean
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
+from visloc_companion.evaluate.keys_once import loads_keys_once
 from visloc_companion.evaluate.sim_journal import JournalChoice
 from visloc_companion.localise.registry import METHODS
 from visloc_companion.maps.pack import PackMap
@@ -164,7 +164,7 @@ def campaign_specs(name: str, template: FlightSpec) -> list[FlightSpec]:
 def _specs_of_file(path: Path, template: FlightSpec) -> Iterator[FlightSpec]:
     remedy = f"name one of {', '.join(CAMPAIGNS)} or a JSON file with a list of flights"
     try:
-        items = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_each_key_once)
+        items = loads_keys_once(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as why:
         raise ConfigError(f"is no campaign: {why}", where=str(path), remedy=remedy) from why
     if not isinstance(items, list) or not items:
@@ -178,14 +178,6 @@ def _specs_of_file(path: Path, template: FlightSpec) -> Iterator[FlightSpec]:
             yield replace(template, **item)
         except ConfigError as why:
             raise ConfigError(f"entry {k}: {why.what}", where=str(path), remedy=why.remedy) from why
-
-
-def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """An object of JSON, of which Python would keep the last of two values. Raises ValueError."""
-    twice = [key for key, n in Counter(key for key, _ in pairs).items() if n > 1]
-    if twice:
-        raise ValueError(f"{', '.join(map(repr, twice))} twice in one entry, {dict(pairs)!r:.80}")
-    return dict(pairs)
 
 
 def _wrong_with(item: object) -> tuple[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from visloc_companion.errors import CasesError
 from visloc_companion.evaluate.case_ids import require_distinct
 from visloc_companion.evaluate.cases import LARGEST
+from visloc_companion.evaluate.keys_once import loads_keys_once
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.types import FloatArray
 
@@ -87,7 +87,7 @@ def read_cloud_truth(folder: Path) -> dict[str, FloatArray]:
 
 def _entries(path: Path) -> list[Any]:
     try:
-        entries = json.loads(path.read_text(encoding="utf-8-sig"))
+        entries = loads_keys_once(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as why:
         raise CasesError(f"cannot be read: {why}", where=str(path), remedy="name a folder with cases.json") from why
     if not isinstance(entries, list):

@@ -67,8 +67,7 @@ def read_route(path: Path) -> Route:
         else:
             route = Route(_table(text), [])
     except (csv.Error, ValueError, OverflowError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as why:
-        said = str(why) if isinstance(why, (csv.Error, ValueError)) else f"{type(why).__name__}: {why}"
-        raise MapError(f"is no route: {said}", where=str(path), remedy=_REMEDY) from why
+        raise MapError(f"is no route: {_told(why)}", where=str(path), remedy=_REMEDY) from why
     if not route.places:
         raise MapError("holds no place", where=str(path), remedy=_REMEDY)
     wrong = [p for p in (*route.places, *route.rally) if not (abs(p.lat_deg) <= 90 and abs(p.lon_deg) <= 180)]
@@ -76,6 +75,14 @@ def read_route(path: Path) -> Route:
         raise MapError(f"{wrong[0].lat_deg}, {wrong[0].lon_deg} is no latitude, longitude", where=str(path), remedy=_REMEDY)
     _check_legs(route.places, path)
     return route
+
+
+def _told(why: Exception) -> str:
+    """What does not read as a route, in the words of its file."""
+    if isinstance(why, (csv.Error, ValueError)):
+        return str(why)
+    laid_out = f"it is not laid out as QGroundControl does it ({type(why).__name__}: {why})"
+    return f"{why} is missing" if isinstance(why, KeyError) else laid_out
 
 
 def _check_legs(places: list[GeoPoint], path: Path) -> None:
@@ -94,7 +101,9 @@ def _table(text: str) -> list[GeoPoint]:
     rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
     missing = {"lat_deg", "lon_deg"} - set(rows.fieldnames)
     if missing:
-        raise ValueError(f"its first line names no column {' and '.join(sorted(missing))}")
+        named = ", ".join(rows.fieldnames) or "nothing"
+        commas = "; separate columns by commas, and write decimals with a point" if ";" in named or "\t" in named else ""
+        raise ValueError(f"its first line names no column {' and '.join(sorted(missing))} ({named:.80}){commas}")
     if twice := [name for name in ("lat_deg", "lon_deg") if rows.fieldnames.count(name) > 1]:
         raise ValueError(f"its first line names {' and '.join(twice)} more than once")
     return [_place(row, rows.line_num) for row in rows]
@@ -134,9 +143,18 @@ def _plan(plan: Any) -> Route:
         raise ValueError("it holds no mission")
     mission = plan["mission"]
     home = mission.get("plannedHomePosition")
-    items = [item for n, entry in enumerate(mission["items"], 1) for item in _items(entry, n)]
+    items = [item for n, entry in enumerate(mission["items"], 1) for item in _numbered(entry, n)]
     rally = [GeoPoint(float(at[0]), float(at[1]), 0.0) for at in (plan.get("rallyPoints") or {}).get("points") or ()]
     return _flown(items, GeoPoint(float(home[0]), float(home[1]), 0.0) if home and (home[0] or home[1]) else None, rally)
+
+
+def _numbered(entry: Any, number: int) -> list[Item]:
+    """The commands of an item; what is wrong with it is said with its number."""
+    try:
+        return _items(entry, number)
+    except (ValueError, OverflowError, KeyError, IndexError, TypeError, AttributeError) as why:
+        said = _told(why)
+        raise ValueError(said if said.startswith("item ") else f"item {number}: {said}") from why
 
 
 def _items(entry: Any, number: int) -> list[Item]:

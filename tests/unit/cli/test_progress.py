@@ -201,6 +201,14 @@ def test_no_result_replaces_a_file_that_what_is_read_names(
     assert all(Path(name).read_text(encoding="utf-8") == "kept" for name in kept)
 
 
+def test_an_input_that_leads_in_a_circle_is_no_fault_of_the_result(tmp_path: Path) -> None:
+    """Path.resolve raised RuntimeError, which ended in a traceback."""
+    (tmp_path / "loop.tlog").symlink_to("loop.tlog")
+    require_folder(tmp_path / "result.json", "--json", tmp_path / "loop.tlog")
+    with pytest.raises(ConfigError, match=r"loop\.tlog: cannot be written: .*remedy: name a writable file for --json"):
+        require_folder(tmp_path / "loop.tlog", "--json", tmp_path / "loop.tlog")
+
+
 def test_results_may_share_a_pipe_and_replace_older_ones(tmp_path: Path) -> None:
     older = tmp_path / "result.json"
     older.touch()

@@ -334,3 +334,10 @@ def test_values_for_no_data_are_left_out_of_a_case_and_of_its_errors_and_said(tm
     assert result.error.mtre_m < 0.5
     assert f"{len(source[::200])} points far from all others are left out of the source" in result.detail
     assert "are left out of the reference" in result.detail
+
+
+def test_a_key_that_is_there_twice_is_refused(tmp_path):
+    """The last one counted, in silence."""
+    (tmp_path / "cases.json").write_text('[{"id": "a", "source": "a.npz", "source": "b.npz"}]')
+    with pytest.raises(CasesError, match=r"cases\.json: cannot be read: 'source' twice in one entry, .*'b\.npz'"):
+        read_cloud_cases(tmp_path)
