@@ -85,27 +85,32 @@ def _run(
     from rich.console import Console
     from rich.progress import Progress
 
-    from visloc_companion.cli.figures import figure_lines
+    from visloc_companion.cli.figures import end_if_broken_off, figure_lines
     from visloc_companion.cli.progress import make_folder, require_folder, results_into, write_json
     from visloc_companion.errors import Reason
     from visloc_companion.evaluate.cases import read_by, read_cases, read_truth
+    from visloc_companion.evaluate.ended_in_order import BrokenOff, ended_in_order
     from visloc_companion.evaluate.image import evaluate_image
     from visloc_companion.evaluate.image_report import write_image_report
 
     make_folder(report, "--report")
     require_folder(json_file, "--json", cases, cases / "cases.csv", cases / "truth.csv")
     require_folder(json_file, "--json", *read_by(cases))
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    broken_off = None
+    with ended_in_order(), Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(method, total=None)
-        document, results = evaluate_image(
-            cases,
-            method,
-            jobs,
-            limit,
-            lambda done, total: bar.update(task, completed=done, total=total),
-            network=network,
-            map_sigma=map_sigma,
-        )
+        try:
+            document, results = evaluate_image(
+                cases,
+                method,
+                jobs,
+                limit,
+                lambda done, total: bar.update(task, completed=done, total=total),
+                network=network,
+                map_sigma=map_sigma,
+            )
+        except BrokenOff as why:
+            broken_off, document, results = why.why, why.document, why.results
     for result in results:
         if result.reason in (Reason.BAD_INPUT, Reason.BAD_FRAME):
             typer.echo(f"{result.case_id}: {result.detail}", err=True)
@@ -116,7 +121,10 @@ def _run(
             write_json(json_file, document)
         if report is not None:
             with results_into(report, "--report"):
-                typer.echo(write_image_report(report, document, results, read_truth(cases), cases=read_cases(cases)[:limit]))
+                typer.echo(
+                    write_image_report(report, document, results, read_truth(cases), cases=read_cases(cases)[: len(results)])
+                )
     finally:  # a full disk must not cost the figures
         for line in figure_lines(document["summary"]):
             typer.echo(line)
+    end_if_broken_off(broken_off, document)

@@ -31,18 +31,23 @@ def cloud(
 
 
 def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path | None, report: Path | None) -> None:
-    from visloc_companion.cli.figures import figure_lines
+    from visloc_companion.cli.figures import end_if_broken_off, figure_lines
     from visloc_companion.cli.progress import bar, make_folder, require_folder, results_into, write_json
     from visloc_companion.errors import Reason
     from visloc_companion.evaluate.cloud import evaluate_cloud
     from visloc_companion.evaluate.cloud_cases import read_by
     from visloc_companion.evaluate.cloud_report import write_cloud_report
+    from visloc_companion.evaluate.ended_in_order import BrokenOff, ended_in_order
 
     make_folder(report, "--report")
     require_folder(json_file, "--json", cases, cases / "cases.json", cases / "truth.json")
     require_folder(json_file, "--json", *read_by(cases))
-    with bar(method, 1.0) as advance:
-        document, results = evaluate_cloud(cases, method, jobs, limit, lambda done, total: advance(done / total))
+    broken_off = None
+    with ended_in_order(), bar(method, 1.0) as advance:
+        try:
+            document, results = evaluate_cloud(cases, method, jobs, limit, lambda done, total: advance(done / total))
+        except BrokenOff as why:
+            broken_off, document, results = why.why, why.document, why.results
     for result in results:
         if result.detail and (result.fix is not None or result.reason is Reason.BAD_INPUT):
             typer.echo(f"{result.case_id}: {result.detail}", err=True)
@@ -57,6 +62,7 @@ def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path
     finally:  # a full disk must not cost the figures
         for line in (*figure_lines(summary), *(_place_line(name, figures) for name, figures in places.items())):
             typer.echo(line)
+    end_if_broken_off(broken_off, document)
 
 
 def _place_line(name: str, figures: dict[str, Any]) -> str:

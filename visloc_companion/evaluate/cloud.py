@@ -21,6 +21,7 @@ from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.case_ids import require_truth_of
 from visloc_companion.evaluate.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
 from visloc_companion.evaluate.cloud_metrics import CloudResult, cloud_error, summarise
+from visloc_companion.evaluate.ended_in_order import BrokenOff, done_until_broken_off
 from visloc_companion.evaluate.protection import horizontal_bound_m
 from visloc_companion.localise.registration.base import NotRegistered
 from visloc_companion.localise.registration.claims import doubted
@@ -48,7 +49,8 @@ def evaluate_cloud(
 
     The method is asked for whatever it finds, and what it doubts more than `max_probability_wrong` becomes a refusal here: so the
     doubted answers are judged as well. Raises CasesError where the folder cannot be read,
-    ConfigError for a method that there is not. A case that cannot be read is a `no_fix` with its reason.
+    ConfigError for a method that there is not, BrokenOff as `evaluate_image`. A case that cannot be read is a
+    `no_fix` with its reason.
     """
     make_registration(method)
     cases, truth = read_cloud_cases(folder), read_cloud_truth(folder)
@@ -56,19 +58,20 @@ def evaluate_cloud(
     cases = cases[:limit]
     posed = [(case, truth.get(case.case_id)) for case in cases]
     run = partial(run_case, method=method, max_probability_wrong=max_probability_wrong)
-    results = []
-    for result in run_all(posed, run, run, jobs):
-        results.append(result)
-        if progress:
-            progress(len(results), len(cases))
+    results = list[CloudResult]()
+    answers = run_all(posed, run, run, jobs)
+    why = done_until_broken_off(answers, results, lambda: progress(len(results), len(cases)) if progress else None)
     document = {
         "schema": 1,
+        **({"complete": False, "asked": len(cases)} if why is not None else {}),
         "method": method,
         "max_probability_wrong": max_probability_wrong,
         "environment": environment(),
-        "cases": [as_json(result) | {"id": case.given_id} for case, result in zip(cases, results, strict=True)],
+        "cases": [as_json(result) | {"id": case.given_id} for case, result in zip(cases, results, strict=why is None)],
         "summary": summarise(results),
     }
+    if why is not None:
+        raise BrokenOff(document, results, why)
     return document, results
 
 

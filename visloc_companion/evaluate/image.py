@@ -23,6 +23,7 @@ from visloc_companion.evaluate.case_ids import require_truth_of
 from visloc_companion.evaluate.case_map import map_near, open_case_map
 from visloc_companion.evaluate.case_places import require_truth_near
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_frame, read_truth
+from visloc_companion.evaluate.ended_in_order import BrokenOff, done_until_broken_off
 from visloc_companion.evaluate.frame_sizes import mixed_sizes
 from visloc_companion.evaluate.image_metrics import CaseResult, summarise
 from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
@@ -65,27 +66,29 @@ def evaluate_image(
     """Localise all cases of a folder; the result as it is written to JSON, with `warnings` where there are any, and case by case.
 
     Raises CasesError where the folder cannot be read, ConfigError for an unknown method, ModelError for a network that cannot be
-    used. A case that cannot be read is a `no_fix` with its reason.
+    used, BrokenOff with what was done where Ctrl-C or `ended_in_order` ends it. A case that cannot be read is a `no_fix` with its
+    reason.
     """
     cases, truth = read_cases(folder), read_truth(folder)
     require_truth_of([case.case_id for case in cases], truth, folder / "truth.csv")
     require_truth_near(cases, truth, folder / "truth.csv")
     cases = cases[:limit]
     about = environment(_features(method, network))  # first: what stands against the network is said before an hour of cases
-    results = []
-    for result in run_cases(cases, method, jobs, max_probability_wrong, network, map_sigma):
-        results.append(result)
-        if progress:
-            progress(len(results), len(cases))
+    results = list[CaseResult]()
+    answers = run_cases(cases, method, jobs, max_probability_wrong, network, map_sigma)
+    why = done_until_broken_off(answers, results, lambda: progress(len(results), len(cases)) if progress else None)
     document = {
         "schema": 1,
+        **({"complete": False, "asked": len(cases)} if why is not None else {}),
         "method": method,
         "environment": about,
         "cases": [as_json(result) for result in results],
         "summary": summarise(results, truth),
     }
-    if warnings := mixed_sizes(cases, results):
+    if warnings := mixed_sizes(cases[: len(results)], results):
         document["warnings"] = warnings
+    if why is not None:
+        raise BrokenOff(document, results, why)
     return document, results
 
 
