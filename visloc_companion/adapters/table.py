@@ -16,7 +16,8 @@ ErrorKind = type[VislocError]
 def read_table(path: Path, columns: tuple[str, ...], kind: ErrorKind = LogError) -> list[dict[str, str]]:
     """The rows by column, blanks about names and values left out; what a short row lacks is empty.
 
-    Raises an error of `kind` for a file that cannot be read, lacks one of the columns or has it twice, or has no rows.
+    Raises an error of `kind` for a file that cannot be read, lacks one of the columns or has it twice, has no rows, or a row
+    with more values than there are columns.
     """
     remedy = f"write UTF-8 CSV, separated by commas, with the columns {','.join(columns)}"
     try:
@@ -30,6 +31,11 @@ def read_table(path: Path, columns: tuple[str, ...], kind: ErrorKind = LogError)
         raise kind(f"has column {', '.join(twice)} more than once", where=str(path), remedy="leave one of them there")
     if len(lines) < 2:
         raise kind("has no rows", where=str(path), remedy=remedy)
+    for number, line in enumerate(lines[1:], start=1):
+        if beyond := [value.strip() for value in line[len(names) :] if value.strip()]:
+            what = f"has more fields than there are columns ({', '.join(beyond)!r:.80})"
+            how = "write decimals with a point, and texts with commas in quotes"
+            raise kind(what, where=f"{path}, row {number}", remedy=how)
     empty = dict.fromkeys(names, "")
     return [empty | dict(zip(names, (value.strip() for value in line), strict=False)) for line in lines[1:]]
 

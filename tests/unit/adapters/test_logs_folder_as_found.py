@@ -199,3 +199,41 @@ def test_a_video_that_is_cut_off_is_not_told_by_its_rows(found: Path) -> None:
     (found / "video.avi").write_bytes(data[: len(data) * 2 // 3])
     with pytest.raises(LogError, match=r"video\.avi: cannot be decoded as a video"):
         open_folder(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        (
+            "frames.csv",
+            "t_us,file\n60000000,f0.png\n60100000,5,f1.png\n",
+            r"row 2: has more fields .*\('f1\.png'\)",
+        ),
+        (
+            "truth.csv",
+            "t_us,lat_deg,lon_deg,h_amsl_m\n60000000,47,3,8,55,501\n",
+            r"row 1: has more fields .*with a point",
+        ),
+    ],
+)
+def test_a_row_of_more_fields_than_columns_is_refused(found: Path, name: str, text: str, told: str) -> None:
+    """Decimal commas move every value behind them: a file `5` was missing, and a longitude was 3."""
+    (found / name).write_text(text)
+    with pytest.raises(LogError, match=rf"{name}, {told}"):
+        open_folder(found)
+
+
+def test_blank_fields_behind_the_last_column_mean_nothing(found: Path) -> None:
+    (found / "frames.csv").write_text("t_us,file\n60000000,f0.png,\n60100000,f1.png, ,\n")
+    frames = open_folder(found).frames
+    assert frames is not None
+    assert len(frames.t_us) == 2
+
+
+def test_an_empty_description_of_the_camera_is_not_called_missing(found: Path) -> None:
+    (found / "camera.toml").write_text("")
+    with pytest.raises(LogError, match=r"camera\.toml: states nothing; remedy: describe the camera there"):
+        open_folder(found)
+    (found / "camera.toml").unlink()
+    with pytest.raises(LogError, match=r"camera\.toml: is missing beside the frames"):
+        open_folder(found)

@@ -85,7 +85,8 @@ def open_folder(folder: Path, find_offset: FindOffset | None = None, system_id: 
         camera = mask_found(parse_config({"camera": section}, where=str(folder / "camera.toml")).camera, folder / "camera.toml")
     frames = open_frames(folder, settings.get("video_start_us"))
     if frames is not None and camera is None:
-        raise LogError("is missing beside the frames", where=str(folder / "camera.toml"), remedy="describe the camera there")
+        what = "states nothing" if (folder / "camera.toml").exists() else "is missing beside the frames"
+        raise LogError(what, where=str(folder / "camera.toml"), remedy="describe the camera there")
     if frames is not None and (unsaid := [key for key in LENS_KEYS if key not in settings]):
         what = f"does not say {', '.join(unsaid)}"
         raise ConfigError(
