@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import IO, Any, Self
 
 from visloc_companion.errors import MapError, VislocError
 from visloc_companion.maps.manifest import FileEntry, sha256_file
@@ -40,14 +40,17 @@ class WorkFolder:
 
     def __init__(self, target: Path, key: str) -> None:
         with ExitStack() as held:
+            is_new = False
             try:
                 self.target = target.resolve()
                 self.path = self.target.with_name(f".{self.target.name}.building")
+                is_new = not self.path.exists()
                 self.path.mkdir(parents=True, exist_ok=True)
                 folder = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
                 held.callback(os.close, folder)
                 self._lock(folder)  # it lasts until the folder has its name, the log goes before
-                self._log = held.enter_context((self.path / LOG).open("a+", encoding="utf-8", errors="replace"))
+                self._log = (self.path / LOG).open("a+", encoding="utf-8", errors="replace")
+                held.callback(_closed, self._log)
                 self._lock(self._log.fileno())  # where folders know no locks (NFS)
                 self._pending: dict[str, tuple[object, Callable[[], object] | None]] = {}
                 self._synced_at = time.monotonic()
@@ -56,6 +59,8 @@ class WorkFolder:
                 if not self._done:
                     self._start(key)
             except OSError as why:
+                if is_new:
+                    shutil.rmtree(self.path, ignore_errors=True)
                 raise MapError(
                     f"no folder can be made there: {why.strerror}",
                     where=str(target),
@@ -234,6 +239,12 @@ def _is_of(descriptor: int, path: Path) -> bool:
     with suppress(OSError):
         return os.path.samestat(os.fstat(descriptor), path.stat())
     return False
+
+
+def _closed(log: IO[str]) -> None:
+    """Closing writes what is left, which a full disk refuses again: that was told already."""
+    with suppress(OSError):
+        log.close()
 
 
 def synced(path: Path) -> None:
