@@ -95,7 +95,8 @@ def _run(
 
     make_folder(report, "--report")
     require_folder(json_file, "--json", cases, cases / "cases.csv", cases / "truth.csv")
-    require_folder(json_file, "--json", *read_by(cases))
+    if json_file is not None:
+        require_folder(json_file, "--json", *read_by(cases))
     broken_off = None
     with ended_in_order(), Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(method, total=None)

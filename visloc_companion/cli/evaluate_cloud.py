@@ -41,7 +41,8 @@ def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path
 
     make_folder(report, "--report")
     require_folder(json_file, "--json", cases, cases / "cases.json", cases / "truth.json")
-    require_folder(json_file, "--json", *read_by(cases))
+    if json_file is not None:
+        require_folder(json_file, "--json", *read_by(cases))
     broken_off = None
     with ended_in_order(), bar(method, 1.0) as advance:
         try:
