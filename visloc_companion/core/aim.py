@@ -5,9 +5,9 @@ What GNSS and map differ by stays in north and east, and a delay lies along the 
 apart as far as the flight allows it. boresight.py sees no principal point: the picture shows no tilt, so what it lays into the
 mounting comes back in what fixes say of the tilt.
 
-On one heading an offset may be GNSS's, the map's or the camera's: it is doubted, so that level and gates reckon with it. Where
-headings tell, it is taken off. A camera whose fixes once agreed with GNSS looks where it should: nobody who sends a false GNSS
-later can use it.
+On one heading an offset may be GNSS's, the map's or the camera's: what fixes do not claim of it themselves is doubted, so that
+level and gates reckon with it. Where headings tell, it is taken off. A camera whose fixes once agreed with GNSS looks where it
+should: nobody who sends a false GNSS later can use it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from visloc_companion.core import kalman
-from visloc_companion.core.lasting import SHARE, apart_m
+from visloc_companion.core.lasting import SHARE, apart_m, mean_m2
 from visloc_companion.types import Command, Cov2, FloatArray, Notice, Rejected, Severity, Vec2
 
 AIM, DIFFERENCE, DELAY, STATES = slice(0, 2), slice(2, 4), 4, 5
@@ -33,7 +33,8 @@ GATE_SIGMA = 5.0
 MIN_HEIGHT_M = 20.0
 FEWEST = 8
 DOUBT_M, AGREES_M = 2.2, 1.2
-"""An aim that moves fixes by as much is doubted: less is in any level. One that moves them by less than the other is none."""
+"""An aim that moves fixes by as much more than they claim is doubted: less is in any level. One that moves them by less than the
+other is none."""
 STEADY_SHARE, MOST_NOISE = 0.4, 0.32
 """Of the offset, rms: what is left of it where it has always been there, and what fixes claim of that at most. A drag that grows
 evenly leaves 0.58, and still 0.48 with so much taken off."""
@@ -137,12 +138,13 @@ class Aim:
         if self._n >= AGREED and found_m <= AGREES_M and agrees:
             self._agreed_to_m = HIGHER * height_m
         steady = left_m <= STEADY_SHARE * off_m
+        unclaimed_m = math.sqrt(max(0.0, found_m**2 - self._in_common_m2(height_m)))
         likely = steady and self._n >= FEWEST and found_m >= USE_M and abs(self.estimate) <= LARGEST
         if likely and timed and sigma_m <= min(USE_SIGMA_M, found_m / USE_SIGMAS):
             self.used, self.doubt = self.estimate, 2 * self.sigma
-        elif likely and found_m >= DOUBT_M:
-            self.doubt = abs(self.estimate)
-        elif found_m <= AGREES_M or not steady:
+        elif likely and unclaimed_m >= DOUBT_M:
+            self.doubt = unclaimed_m / height_m
+        elif unclaimed_m <= AGREES_M or not steady:
             self.doubt = 0.0
 
     def _follow(self, height_m: float) -> None:
@@ -161,6 +163,10 @@ class Aim:
         fits_m2 = turned**2 / self._heights / n
         claimed_m2 = min(self._claimed_m2 / n, MOST_NOISE**2 * fits_m2)
         return math.sqrt(fits_m2), math.sqrt(max(0.0, self._squares / n - fits_m2 - claimed_m2))
+
+    def _in_common_m2(self, height_m: float) -> float:
+        """Mean square of what the mean of all fixes is off by as they claim it, which is in every level made of them."""
+        return mean_m2(self._claimed_m2 / self._n, self._way_m / apart_m(height_m))
 
     @property
     def _shown_again(self) -> bool:

@@ -13,6 +13,7 @@ from visloc_companion.core import votes
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_odometry import Lens
 from visloc_companion.core.gnss_witness import Ground
+from visloc_companion.core.lasting import apart_m
 from visloc_companion.core.map_offset import MapOffset
 from visloc_companion.core.modes import INJECTING
 from visloc_companion.core.motion import Motion
@@ -265,10 +266,12 @@ class GnssAiding:
             return []
         north, east, _ = velocity.v_ned_mps
         verdict = self._monitor.verdict
+        (nn, _), (_, ee) = fix.cov_ne_m2
+        beside = difference, (north, east), fix.per_focal_ne_m, nn + ee, apart_m(abs(self._tracker.height_above_home_m or 0.0))
         if verdict.verdict is Verdict.SUSPECT:
-            self._map.suspected(verdict.since_ns, fix.t_ns, difference, (north, east), fix.per_focal_ne_m)
+            self._map.suspected(verdict.since_ns, fix.t_ns, *beside)
         elif self._monitor.trusted:
-            self._map.compared(fix.t_ns, difference, (north, east), fix.per_focal_ne_m)
+            self._map.compared(fix.t_ns, *beside)
         self._tracker.know_map(self._map.sigma_m)
         if self._tracker.alike.lens_bend or 0 < self._tracker.alike.aim_share <= self._tracker.alike.aim_open:
             return []

@@ -19,6 +19,8 @@ SHARE = 0.6
 APART = 0.6
 """It has gone by to 1/e after so many heights above the ground."""
 LEAST_APART_M = 20.0
+LEAST_GONE = 1e-3
+"""Of less the mean's variance is rounding."""
 BY_SHAPE = frozenset({"structure", "terrain"})
 """Methods that share no more with images than the attitude: what lasts of their own error is another thing, and comes on top."""
 
@@ -36,6 +38,13 @@ def seen(cov_m2: FloatArray, method: str, per_focal_ne_m: Vec2 = (0.0, 0.0)) -> 
     H = H_POSITION.copy()
     H[:, LASTING], H[:, FIX_LENS] = root_m(cov_m2), per_focal_ne_m
     return H, cov_m2 if method in BY_SHAPE else (1 - SHARE) * cov_m2
+
+
+def mean_m2(claimed_m2: float, gone: float) -> float:
+    """Variance of the mean of what lasts, over a way of so many `apart_m`, of fixes that claim so much each: all of it over one
+    ground, and twice a share of 1 / gone in the end (the variance of a mean over a first-order Gauss-Markov process)."""
+    gone = max(gone, LEAST_GONE)
+    return SHARE * claimed_m2 * 2 * (gone - 1 + math.exp(-gone)) / gone**2
 
 
 def known_m2(cov_m2: FloatArray, P: FloatArray, H: FloatArray) -> float:

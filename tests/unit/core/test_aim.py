@@ -25,9 +25,10 @@ def there_and_back(k: int) -> float:
 class Flown:
     """A second a fix, the nose ahead; `share` of the height to the side, GNSS and map `apart_m` (north + i east)."""
 
-    def __init__(self, noise_m: float = 0.5) -> None:
+    def __init__(self, noise_m: float = 0.5, claim_m: float | None = None) -> None:
         self.aim, self.texts, self.k = Aim(), list[str](), 0
-        self._noise_m, self._cov = noise_m, ((noise_m**2, 0.0), (0.0, noise_m**2))
+        claim_m = noise_m if claim_m is None else claim_m
+        self._noise_m, self._cov = noise_m, ((claim_m**2, 0.0), (0.0, claim_m**2))
         self._rng = np.random.default_rng(3)
 
     def fly(
@@ -114,6 +115,32 @@ def test_an_offset_that_stays_where_it_is_is_none_of_the_camera() -> None:
     assert flown.fly(30, apart_m=lambda k: 5j).doubt > 0
     aim = flown.fly(30, apart_m=lambda k: 5j, heading=there_and_back)
     assert (aim.used, aim.doubt) == (0, 0.0)
+
+
+HIGH_M, CLAIM_M = 750.0, 8.7
+"""Fixes over a map of 5 m a pixel, while the camera's tilt is known to 0.7 degrees."""
+
+
+@pytest.mark.parametrize("off_m", [6.0j, 8.0j, -8.0, 5.0 + 5.0j])
+def test_what_fixes_claim_to_be_off_by_in_common_is_doubted_no_second_time(off_m: complex) -> None:
+    flown = Flown(claim_m=CLAIM_M)
+    doubts = [flown.fly(1, off_m / HIGH_M, height_m=HIGH_M).doubt for _ in range(30)]
+    assert max(doubts) == 0.0
+    assert Flown().fly(30, off_m / HIGH_M, height_m=HIGH_M).doubt > 0.6 * abs(off_m) / HIGH_M, "fixes that claim to be better"
+
+
+def test_of_more_than_that_the_rest_is_doubted() -> None:
+    by_claim = [Flown(claim_m=claim_m).fly(30, 20j / HIGH_M, height_m=HIGH_M).doubt * HIGH_M for claim_m in (0.5, 4.0, CLAIM_M)]
+    assert by_claim == sorted(by_claim, reverse=True)
+    assert 10.0 < by_claim[-1] < 0.9 * by_claim[0]
+
+
+def test_over_more_ground_claims_explain_less_of_an_offset_that_stays() -> None:
+    flown = Flown(claim_m=CLAIM_M)
+    assert flown.fly(30, 8j / HIGH_M, height_m=HIGH_M).doubt == 0.0
+    assert flown.fly(570, 8j / HIGH_M, height_m=HIGH_M).doubt > 5.0 / HIGH_M
+    hovers = Flown(claim_m=CLAIM_M)
+    assert hovers.fly(600, 8j / HIGH_M, height_m=HIGH_M, speed_mps=0.0).doubt == 0.0
 
 
 @pytest.mark.parametrize("heading", [north, there_and_back])

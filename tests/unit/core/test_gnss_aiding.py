@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import pytest
+
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
@@ -18,8 +20,8 @@ def at(north: float) -> GeoPoint:
     return wgs84.geo_from_ned((north, 0.0, -100.0), ORIGIN)
 
 
-def fix(t_s: float, north: float) -> Fix:
-    t, cov = round(t_s * S), ((1.0, 0.0), (0.0, 1.0))
+def fix(t_s: float, north: float, claim_m: float = 1.0) -> Fix:
+    t, cov = round(t_s * S), ((claim_m**2, 0.0), (0.0, claim_m**2))
     return Fix(t, t, 1, 1, "t", at(north), (1.0, 0.0, 0.0, 0.0), cov, 1.0, 0.1, 0.0, 1.0)
 
 
@@ -229,3 +231,17 @@ def test_the_claim_reckons_with_a_map_that_gnss_never_agreed_with() -> None:
     state = rig.tracker.at(round(rig.t * S))
     assert state is not None
     assert state.cov_ne_m2[0][0] ** 0.5 > 14.0
+
+
+@pytest.mark.parametrize(("claim_m", "told"), [(1.0, ["visloc: map is 10 m off GNSS"]), (9.0, [])])
+def test_what_fixes_claim_themselves_is_laid_to_no_map(claim_m: float, told: list[str]) -> None:
+    rig = Rig()
+    rig.tracker.seed(round(rig.t * S), at(10.0), 2.0)
+    for _ in range(8):
+        rig.run(0.6, 0.0, mode=Mode.AIDING)
+        seen = fix(rig.t, 10.0, claim_m)
+        held = rig.tracker.at(seen.t_ns)
+        rig.tracker.observe(seen)
+        rig.notices += rig.aiding.compare(seen, held)
+    assert [n.text for n in rig.notices if isinstance(n, Notice)] == told
+    assert (rig.tracker.shared_m > CoreSettings().navigator.map_sigma_m) == bool(told)

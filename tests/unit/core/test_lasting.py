@@ -97,3 +97,16 @@ def test_other_ground_may_begin_at_any_moment() -> None:
 def test_height_sets_what_is_other_ground() -> None:
     assert lasting.apart_m(100.0) == pytest.approx(100 * lasting.APART)
     assert lasting.apart_m(-5.0) == lasting.LEAST_APART_M
+
+
+@pytest.mark.parametrize("ways", [0.0, 0.5, 2.0, 10.0])
+def test_the_mean_of_fixes_is_off_by_what_lasts_of_their_claims_and_less_over_more_ground(ways: float) -> None:
+    n, flights = 200, 4000
+    rng, kept = np.random.default_rng(5), math.exp(-ways / (n - 1))
+    lasts = rng.standard_normal(flights)
+    total = lasts.copy()
+    for _ in range(n - 1):
+        lasts = kept * lasts + math.sqrt(1 - kept**2) * rng.standard_normal(flights)
+        total += lasts
+    drawn_m2 = lasting.SHARE * 9.0 * float(np.mean((total / n) ** 2))
+    assert lasting.mean_m2(9.0, ways) == pytest.approx(drawn_m2, rel=0.08)

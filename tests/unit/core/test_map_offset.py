@@ -38,6 +38,33 @@ def test_a_shift_beyond_that_is_told_once_and_widens_what_the_map_says() -> None
     assert known.notices() == []
 
 
+def high_up(offset_m: float, claim_m: float, n: int, speed_mps: float = 10.0) -> MapOffset:
+    """750 m above a map of 5 m a pixel, a fix a second."""
+    known = MapOffset(2.5)
+    for k in range(n):
+        known.compared(k * S, (0.0, offset_m), (speed_mps, 0.0), (0.0, 0.0), 2 * claim_m**2, 450.0)
+    return known
+
+
+def test_what_fixes_claim_to_be_off_by_in_common_is_no_shift_of_the_map() -> None:
+    known = high_up(9.0, 8.7, 30)
+    assert (known.distance_m, known.sigma_m, known.notices()) == (9.0, 2.5, [])
+    assert high_up(9.0, 0.7, 30).sigma_m > 4.4, "fixes that claim to be better"
+
+
+def test_a_shift_of_more_than_that_widens_what_the_map_says_by_the_rest() -> None:
+    by_claim = [high_up(20.0, claim_m, 30).sigma_m for claim_m in (0.0, 4.0, 8.7)]
+    assert by_claim == sorted(by_claim, reverse=True)
+    assert by_claim[0] == 10.0
+    assert by_claim[-1] > 8.0
+
+
+def test_over_more_ground_claims_explain_less_of_a_difference_that_stays() -> None:
+    assert high_up(11.0, 8.7, 30).sigma_m == 2.5
+    assert high_up(11.0, 8.7, 110).sigma_m > 3.9
+    assert high_up(11.0, 8.7, 110, speed_mps=0.0).sigma_m == 2.5
+
+
 def test_a_few_differences_tell_nothing_of_a_map_that_was_borne_out() -> None:
     known = after(0.0, BORNE_OUT_BY)
     for k in range(FEWEST):
