@@ -29,3 +29,8 @@ def test_it_is_the_variance_of_walks_drawn() -> None:
     mean = of_soundings @ weight / weight.sum()
     assert np.var(mean) == pytest.approx(got.now_m2, rel=0.08)
     assert np.var(mean - walks[:, np.searchsorted(times, got.age_s)]) == pytest.approx(got.then_m2, rel=0.08)
+
+
+def test_soundings_that_weigh_against_each_other_tell_no_height_of_a_time_to_come() -> None:
+    got = walked(np.array([3.0, -2.0]), np.array([1.0, 4.0]))
+    assert (got.age_s, got.then_m2) == pytest.approx((0.0, got.now_m2))
