@@ -1,8 +1,10 @@
 """The error-state Kalman filter of the simulated flight: errors of dead reckoning and of the barometer.
 
-State (7,): error of position (m), velocity (m/s) and acceleration (m/s^2) to the north and east, and of the height (m); each is
-what the dead reckoning says minus the truth. Inertial: the acceleration error (tilt and accelerometer bias) walks, and a turn
-sets the accelerometers' bias free. Odometry: the velocity error is first-order Gauss-Markov and turns with the vehicle.
+States: those of the dead reckoning (benchmarks/terrain_drift.py; what it says minus the truth), then the barometer's error (m).
+
+A stretch is put together by dead reckoning, so that a fix errs by what the filter does not know of its own velocity and
+acceleration (`TerrainFix.by_drift`): fed as an error of its own, it would be counted as news of what it came from. The
+measurement is of these states, too, and its noise is what the terrain alone leaves.
 
 The barometer walks a metre over a stretch, so a fix tells its error in the middle of the stretch: the update is of that state
 (the walk since is subtracted from its variance), and what it says of the error now follows by their covariance. `then` is that
@@ -11,84 +13,74 @@ state after the update, with its variance: the height with a lag of half a stret
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from benchmarks import terrain_flight as facts
+from benchmarks.terrain_drift import drift_of
 from benchmarks.terrain_flight import DriftModel
 from visloc_companion.core import kalman
 from visloc_companion.localise.terrain.base import TerrainFix
 from visloc_companion.types import Accepted, FloatArray, Rejected
 
-H = np.zeros((3, 8))
-H[0, 0] = H[1, 1] = H[2, 7] = 1.0
 WALK_M2PS = 2 * facts.BARO_M**2 / facts.BARO_S
 GATE_SIGMA = 5.0
 START_SIGMA_H_M = 10.0
-TURN = 2.0
-"""The parts of a turn free the same bias: their sum is more than that of independent parts."""
 
 
 class ErrorFilter:
-    """Mean `x` (7,) and covariance `P` (7, 7) of the dead reckoning's errors."""
+    """Mean `x` (n,) and covariance `P` (n, n) of the dead reckoning's errors, the barometer's last."""
 
-    def __init__(self, drift: DriftModel, sigma_m: float) -> None:
-        self.drift = drift
-        speed = 0.1 if drift.inertial else math.hypot(facts.SCALE, drift.heading_rad) * facts.SPEED_MPS
-        acceleration = 1e-3 if drift.inertial else 1e-6
-        self.sigma_v_mps = speed
+    def __init__(self, model: DriftModel, sigma_m: float, course_rad: float) -> None:
+        self.drift, self.course_rad = drift_of(model), course_rad
+        of_drift = self.drift.start(sigma_m, course_rad)
+        self.n = len(of_drift) + 1
         self.then = 0.0, START_SIGMA_H_M**2
-        self.x: FloatArray = np.zeros(7)
-        self.P: FloatArray = np.diag([sigma_m**2] * 2 + [speed**2] * 2 + [acceleration**2] * 2 + [START_SIGMA_H_M**2])
+        self.x: FloatArray = np.zeros(self.n)
+        self.P: FloatArray = np.zeros((self.n, self.n))
+        self.P[:-1, :-1], self.P[-1, -1] = of_drift, START_SIGMA_H_M**2
 
-    def carry(self, dt_s: float, turned_rad: float) -> None:
-        """Over a time in which the vehicle turned by an angle."""
-        eye = np.eye(2)
-        F, Q = np.eye(7), np.zeros((7, 7))
-        if self.drift.inertial:
-            F[:2, 2:4], F[:2, 4:6], F[2:4, 4:6] = dt_s * eye, dt_s**2 / 2 * eye, dt_s * eye
-            q = (facts.GRAVITY * facts.ANGLE_WALK) ** 2 + (facts.GRAVITY * facts.GYROSCOPE) ** 2 * 100.0
-            b = np.array([dt_s**3 / 6, dt_s**2 / 2, dt_s])
-            for axis in (0, 1):
-                at = np.ix_([axis, 2 + axis, 4 + axis], [axis, 2 + axis, 4 + axis])
-                Q[at] += q * np.outer(b, b) / dt_s + np.diag([0.0, facts.VELOCITY_WALK**2 * dt_s, 1e-12])
-            freed = TURN * 2 * abs(math.sin(min(turned_rad, math.pi) / 2)) * facts.ACCELEROMETER
-            Q[:2, :2] += eye * (freed * dt_s**2 / 4) ** 2
-            Q[2:4, 2:4] += eye * (freed * dt_s / 2) ** 2
-            Q[4:6, 4:6] += eye * freed**2
-        else:
-            a = math.exp(-dt_s / facts.SCALE_S) * math.cos(min(turned_rad, math.pi / 2))
-            F[:2, 2:4], F[2:4, 2:4] = dt_s * (1 + a) / 2 * eye, a * eye
-            kept = (1 - a * a) * self.sigma_v_mps**2
-            white = 2 * facts.ODOMETRY_MPS**2 * facts.ODOMETRY_S * dt_s
-            Q[:2, :2] += eye * (white + kept * dt_s**2 / 3)
-            Q[2:4, 2:4] += eye * kept
-            Q[:2, 2:4] += eye * kept * dt_s / 2
-            Q[2:4, :2] += eye * kept * dt_s / 2
-            Q[4:6, 4:6] += 1e-12 * eye
-        Q[6, 6] = WALK_M2PS * dt_s
-        self.x, self.P = kalman.predict(self.x, self.P, F, Q, np.zeros(7))
+    def carry(self, dt_s: float, course_rad: FloatArray) -> None:
+        """Over a time with courses (T,), evenly spaced, the last of them that of its end."""
+        F, Q = np.eye(self.n), np.zeros((self.n, self.n))
+        F[:-1, :-1], Q[:-1, :-1] = self.drift.over(dt_s, np.append(self.course_rad, course_rad))
+        Q[-1, -1] = WALK_M2PS * dt_s
+        self.x, self.P = kalman.predict(self.x, self.P, F, Q, np.zeros(self.n))
+        self.course_rad = float(course_rad[-1])
+
+    def motion(self) -> tuple[FloatArray, FloatArray]:
+        """Errors of velocity, acceleration and its rate, (6,) north and east each, with covariance (6, 6)."""
+        M = np.zeros((6, self.n))
+        M[:, :-1] = np.vstack([rows(self.course_rad) for rows in (self.drift.velocity, self.drift.acceleration, self.drift.jerk)])
+        return M @ self.x, M @ self.P @ M.T
 
     def doubt(self) -> None:
         """Something well seen contradicts the filter: its uncertainty doubles, so that the search reaches as far."""
         self.P = self.P * 4.0
 
     def observe(
-        self, fix: TerrainFix, p_dead_reckoned_m: FloatArray, h_indicated_m: float, common_m: float
+        self, fix: TerrainFix, p_dead_reckoned_m: FloatArray, h_indicated_m: float, own_cov_m2: FloatArray
     ) -> Accepted | Rejected:
-        """Take a fix at the time that the filter stands at; `common_m` is the part of its 1-sigma that all fixes share, which the
-        states do not hold."""
-        R = np.zeros((3, 3))
-        R[:2, :2], R[2, 2] = np.array(fix.cov_ne_m2) - np.eye(2) * common_m**2, fix.sigma_h_then_m**2
+        """Take a fix at the time that the filter stands at. `own_cov_m2` (2, 2) is its covariance without what all fixes share,
+        which the states do not hold, and without what the drift leaves, which they do."""
+        H, R = np.zeros((3, self.n + 1)), np.zeros((3, 3))
+        H[0, 0] = H[1, 1] = H[2, self.n] = 1.0
+        rows = np.vstack([self.drift.velocity(self.course_rad), self.drift.acceleration(self.course_rad)])
+        H[:2, : self.n - 1] -= np.array(fix.by_drift) @ rows
+        R[:2, :2], R[2, 2] = own_cov_m2, fix.sigma_h_then_m**2
         z = np.array([*(p_dead_reckoned_m - np.array(fix.p_ne_m)), h_indicated_m - fix.h_amsl_m])
-        x, P = np.append(self.x, self.x[6]), np.zeros((8, 8))
-        P[:7, :7] = self.P
-        P[7], P[:, 7] = P[6], P[6]
-        P[6, 7] = P[7, 6] = P[7, 7] = max(float(P[6, 6]) - WALK_M2PS * fix.height_age_s, 1e-6)
+        # the fix was made of soundings that the mean had moved: what it says is of the errors beyond the mean
+        z[:2] += (H[:2, 2 : self.n] @ self.x[2:])[:2]
+        h = self.n - 1
+        x, P = np.append(self.x, self.x[h]), np.zeros((self.n + 1, self.n + 1))
+        P[: self.n, : self.n] = self.P
+        P[self.n], P[:, self.n] = P[h], P[h]
+        P[h, self.n] = P[self.n, h] = P[self.n, self.n] = max(
+            float(P[h, h]) - WALK_M2PS * max(fix.height_age_s, facts.STEP_S), 1e-6
+        )
         got = kalman.update(x, P, z, R, H, gate_sigma=GATE_SIGMA)
         if isinstance(got, Rejected):
-            self.then = float(x[7]), float(P[7, 7])
+            self.then = float(x[self.n]), float(P[self.n, self.n])
             return got
-        self.x, self.P, self.then = got.x[:7], got.P[:7, :7], (float(got.x[7]), float(got.P[7, 7]))
+        self.x, self.P = got.x[: self.n], got.P[: self.n, : self.n]
+        self.then = float(got.x[self.n]), float(got.P[self.n, self.n])
         return Accepted(got.nis)

@@ -18,7 +18,7 @@ from visloc_companion.localise.terrain.elevation import ElevationMap
 from visloc_companion.localise.terrain.information import expected_sigma_m
 from visloc_companion.localise.terrain.match import locate
 from visloc_companion.localise.terrain.settings import TerrainSettings
-from visloc_companion.localise.terrain.thin import lowest_in_cells
+from visloc_companion.localise.terrain.thin import low_in_cells
 from visloc_companion.types import FloatArray, Rejected
 
 START_SIGMA_M = 15.0
@@ -29,17 +29,21 @@ TURN_RAD = math.radians(20)
 """A stretch ends in a turn of more than this: the dead reckoning's error changes with the course."""
 WANDER = 0.3
 """Of a random walk's spread at its end, what remains when a line is fitted to it."""
+BENT = 1 / 20, 3 / 5, 3.0
+"""A cubic over a stretch, fitted with a parabola (Legendre's third polynomial): how far off that is at its ends, its slope and
+its curvature, by the cubic's height over powers of the time. A random walk of the acceleration bends alike, within a tenth."""
 CHECK_GROWTH = 1.3
 """A stretch that does not tell enough is asked again when it is longer by this factor."""
 SHORTEST_M = {Kind.PATCH: 900.0, Kind.PROFILE: 1500.0}
 LONG_M = {Kind.PATCH: 3000.0, Kind.PROFILE: 6000.0}
 LONGEST_M = {Kind.PATCH: 6000.0, Kind.PROFILE: 12000.0}
-ENOUGH_M = {Kind.PATCH: 4.0, Kind.PROFILE: 6.0}
+ENOUGH_M = {Kind.PATCH: 4.0, Kind.PROFILE: 8.0}
 AVERAGED = 21
 """Steps over which the barometer's noise is averaged where a height is told of a time that has passed."""
 CONTENT = 1.6
-"""A stretch is matched when the model promises ENOUGH_M as 1-sigma of its worse axis (CONTENT times that from LONG_M on), and at
-LONGEST_M in any case; it ends when a match is accepted. What is refused is joined with what comes."""
+"""A stretch is matched when the model promises ENOUGH_M as 1-sigma of its worse axis (CONTENT times that from LONG_M on, but no
+more than a fix may claim), and at LONGEST_M in any case; it ends when a match is accepted. What is refused is joined with what
+comes. A profile's is that of flight (localise/terrain/answer.py)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +82,7 @@ class Run:
         self.rng = np.random.default_rng([seed, 4])
         start = self.rng.normal(0, START_SIGMA_M, 2)
         self.dead_reckoned = flight.p_ne_m + start + np.cumsum(flight.velocity_error_mps, axis=0) * STEP_S
-        self.filter = ErrorFilter(flight.drift, START_SIGMA_M)
+        self.filter = ErrorFilter(flight.drift, START_SIGMA_M, float(flight.course_rad[0]))
 
     def fly(self, settings: TerrainSettings) -> Outcome:
         """From the first step to the last."""
@@ -116,20 +120,31 @@ class Run:
         drift = self.flight.drift
         heading = math.hypot(drift.heading_rad, facts.GYROSCOPE * step * STEP_S if drift.inertial else 0.0)
         cov = ((float(P[0, 0]), float(P[0, 1])), (float(P[0, 1]), float(P[1, 1])))
-        sigma_v, sigma_a = (math.sqrt(max(float(P[k, k]), float(P[k + 1, k + 1]))) for k in (2, 4))
-        wander = 0.0
-        if not drift.inertial:
-            span = float(stretch.age_s.max())
-            walk = self.filter.sigma_v_mps * math.sqrt(2 / facts.SCALE_S)  # of the velocity error, m/s/sqrt(s)
-            bent = walk * span**1.5 / math.sqrt(3)
-            sigma_a = 2 * bent / span**2
-            wander = math.hypot(0.1 * bent, WANDER * facts.ODOMETRY_MPS * math.sqrt(2 * facts.ODOMETRY_S * span))
-        h = float(self.flight.h_indicated_m[step] - x[6])
-        sigma_h = math.hypot(math.sqrt(float(P[6, 6])), facts.BARO_NOISE_M)
+        sigma_v, sigma_a, wander = self.drift_sigmas(stretch)
+        h = float(self.flight.h_indicated_m[step] - x[-1])
+        sigma_h = math.hypot(math.sqrt(float(P[-1, -1])), facts.BARO_NOISE_M)
         return TerrainPrior(
             *((float(place[0]), float(place[1])), cov, h, sigma_h, heading, drift.tilt_rad, sigma_v, sigma_a, wander),
             math.sqrt(WALK_M2PS),
         )
+
+    def drift_sigmas(self, stretch: Soundings) -> tuple[float, float, float]:
+        """What a prior says of the drift over a stretch: of velocity, acceleration, and of what wanders about these (m)."""
+        span = float(stretch.age_s.max())
+        sigma_v, sigma_a, sigma_j = self._motion_sigmas()
+        bent = math.hypot(self.filter.drift.bend_m(span), sigma_j * span**3 / 6)
+        at_end, of_velocity, of_acceleration = BENT
+        wander = math.hypot(at_end * bent, WANDER * self.filter.drift.noise_m(span))
+        return math.hypot(sigma_v, of_velocity * bent / span), math.hypot(sigma_a, of_acceleration * bent / span**2), wander
+
+    def _motion_sigmas(self) -> FloatArray:
+        """(3,) of the filter's velocity, acceleration and its rate, the worse axis each."""
+        return np.sqrt(np.maximum(np.diag(self.filter.motion()[1]), 0).reshape(3, 2).max(1))
+
+    def _own_covariance(self, fix: TerrainFix) -> FloatArray:
+        """Of a fix (2, 2), without what all share by the model's place, and without what the filter knows of the drift."""
+        by = np.array(fix.by_drift) * np.repeat(self._motion_sigmas()[:2], 2)
+        return np.asarray(np.array(fix.cov_ne_m2) - np.eye(2) * self.elevation.sigma_ne_m**2 - by @ by.T, dtype=np.float64)
 
     def stretch(self, measured: list[tuple[FloatArray, FloatArray]], end: int) -> Soundings | None:
         """Points about the beams' origins put together by dead reckoning, relative to the vehicle at a step; None for too few."""
@@ -138,8 +153,9 @@ class Run:
             return None
         steps = np.concatenate([m[1] for m in measured])
         age = (end - steps) * STEP_S
-        moved = self.dead_reckoned[steps] - self.dead_reckoned[end] + age[:, None] * self.filter.x[2:4]
-        moved = moved - np.square(age)[:, None] / 2 * self.filter.x[4:6]
+        v, a, j = self.filter.motion()[0].reshape(3, 1, 2)
+        back = age[:, None]
+        moved = self.dead_reckoned[steps] - self.dead_reckoned[end] + back * v - back**2 / 2 * a + back**3 / 6 * j
         climbed = self.flight.h_indicated_m[steps] - self.flight.h_indicated_m[end]
         placed = points + np.column_stack([moved, climbed])
         return Soundings(
@@ -154,18 +170,19 @@ class Run:
             if not len(points):
                 return points, steps
             north_east = points[:, :2] + self.dead_reckoned[steps]
-            low = lowest_in_cells(np.column_stack([north_east, points[:, 2] + self.flight.h_indicated_m[steps]]), THIN_M)
+            placed = np.column_stack([north_east, points[:, 2] + self.flight.h_indicated_m[steps]])
+            low = low_in_cells(placed, THIN_M, math.hypot(self.range_sigma_m, facts.BARO_NOISE_M))
             return points[low], steps[low]
         return beam(self.world, self.flight, np.arange(first, end), self.rng, self.range_sigma_m)
 
     def _enough(self, stretch: Soundings | None, at: int, length: float, settings: TerrainSettings) -> bool:
         if stretch is None:
             return False
-        enough = ENOUGH_M[self.kind] * (1.0 if length < LONG_M[self.kind] else CONTENT)
+        enough = min(ENOUGH_M[self.kind] * (1.0 if length < LONG_M[self.kind] else CONTENT), settings.max_sigma_m)
         return expected_sigma_m(stretch, self.prior(at, stretch), self.elevation, settings) <= enough
 
     def _carry(self, first: int, end: int) -> None:
-        self.filter.carry((end - first) * STEP_S, float(abs(self.flight.course_rad[end] - self.flight.course_rad[first])))
+        self.filter.carry((end - first) * STEP_S, self.flight.course_rad[first + 1 : end + 1])
 
     def _match(
         self, outcome: Outcome, stretch: Soundings | None, at: int, length: float, settings: TerrainSettings
@@ -179,25 +196,25 @@ class Run:
         answer = locate(stretch, prior, self.elevation, settings)
         took = 1e3 * (time.process_time() - start)
         error, error_h, then_h = np.full(2, np.nan), math.nan, math.nan
-        self.filter.then = float(self.filter.x[6]), float(self.filter.P[6, 6])
+        self.filter.then = float(self.filter.x[-1]), float(self.filter.P[-1, -1])
         off_then = self._indicated_off(at - round(float(stretch.age_s.mean()) / STEP_S))
         if isinstance(answer, TerrainFix):
             error = np.array(answer.p_ne_m) - flight.p_ne_m[at]
             error_h = answer.h_amsl_m - float(flight.h_amsl_m[at])
             off_then = self._indicated_off(at - round(answer.height_age_s / STEP_S))
             then_h = off_then - float(flight.h_indicated_m[at]) + answer.h_amsl_m
-            common = self.elevation.sigma_ne_m
-            got = self.filter.observe(answer, self.dead_reckoned[at], float(flight.h_indicated_m[at]), common)
+            own = self._own_covariance(answer)
+            got = self.filter.observe(answer, self.dead_reckoned[at], float(flight.h_indicated_m[at]), own)
             outcome.gated += isinstance(got, Rejected)
         elif answer.reason is Reason.INCONSISTENT_WITH_PRIOR:
             self.filter.doubt()
         judged = Judged(answer, error, error_h, then_h, region, length, took)
         now = self.dead_reckoned[at] - self.filter.x[:2] - flight.p_ne_m[at]
-        high = flight.h_indicated_m[at] - self.filter.x[6] - flight.h_amsl_m[at]
+        high = flight.h_indicated_m[at] - self.filter.x[-1] - flight.h_amsl_m[at]
         outcome.filter_error.append(np.array([*now, high, off_then - self.filter.then[0]]))
         common_m2 = self.elevation.sigma_ne_m**2  # which no number of fixes averages away
         more_m2 = np.array([common_m2, common_m2, facts.BARO_NOISE_M**2, facts.BARO_NOISE_M**2 / AVERAGED])
-        outcome.filter_sigma.append(np.sqrt(np.append(np.diag(self.filter.P)[[0, 1, 6]], self.filter.then[1]) + more_m2))
+        outcome.filter_sigma.append(np.sqrt(np.append(np.diag(self.filter.P)[[0, 1, -1]], self.filter.then[1]) + more_m2))
         return judged
 
     def _indicated_off(self, step: int) -> float:

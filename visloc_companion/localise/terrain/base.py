@@ -90,7 +90,9 @@ class TerrainFix:
     What the soundings tell is by how much the navigation height was off in their mean, `height_age_s` before `t_ns`, with
     `sigma_h_then_m`; `h_amsl_m` carries that on to `t_ns`, and `sigma_h_m` has what the navigation height walked since.
     `probability_wrong` is the calibrated probability that the place is another one: off by more than `verify.RIGHT_M` and than
-    the covariance explains.
+    the covariance explains. `by_drift` (2, 4): by how much the position is off, north and east, for each unit by which the dead
+    reckoning's velocity (m/s) and acceleration (m/s²) are too large at `t_ns`, north and east each: what the ground does not tell
+    of the prior's drift. That is in the covariance, and whoever estimates the drift has it in its own.
     """
 
     t_ns: int
@@ -101,6 +103,7 @@ class TerrainFix:
     probability_wrong: float
     height_age_s: float
     sigma_h_then_m: float
+    by_drift: tuple[tuple[float, ...], tuple[float, ...]]
     evidence: tuple[tuple[str, float], ...] = ()
 
 

@@ -25,4 +25,5 @@ def expected_sigma_m(soundings: Soundings, prior: TerrainPrior, elevation: Eleva
     if not terrain.known.any():
         return math.inf
     covariance = fine.expected_covariance(fitting_of(terrain, thinned, prior, elevation, settings), np.zeros(fine.N_UNKNOWNS))
-    return math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
+    claimed = covariance[:2, :2] + np.eye(2) * elevation.sigma_ne_m**2
+    return math.sqrt(max(float(np.linalg.eigvalsh(claimed)[-1]), 0.0))

@@ -213,5 +213,6 @@ def _judged(
         p,
         best.walked.age_s,
         math.sqrt(mean_m2 + walk_m2 * best.walked.then_m2),
+        (tuple(best.by_drift[0].tolist()), tuple(best.by_drift[1].tolist())),
         numbers,
     )

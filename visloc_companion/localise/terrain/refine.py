@@ -44,7 +44,7 @@ class Refined:
     """`unknowns` (10,) with covariance (10, 10); `log_likelihood` (of independent soundings, the unknowns' own
     included) and its `gain` on that of level ground; `ground` and `known`: share of soundings that are ground, and that lie on
     known model; `reliability` as `reliable_share`; the covariance's height is that of the mean over the soundings, which `walked`
-    carries to a time.
+    carries to a time. `by_drift` (2, 4): of the position by errors of the prior's drift, as in `TerrainFix`.
     """
 
     unknowns: FloatArray
@@ -56,6 +56,7 @@ class Refined:
     known: float
     reliability: float
     walked: Walked
+    by_drift: FloatArray
     converged: bool
 
 
@@ -102,15 +103,15 @@ def refine(fitting: Fitting, start: FloatArray) -> Refined:
 
 
 def expected_covariance(fitting: Fitting, start: FloatArray) -> FloatArray:
-    """(3, 3) covariance of north, east, height that soundings at such places would give: what there is to see, before looking."""
+    """(3, 3) covariance of north, east, height that a match at such a place would claim if heights differ from the model as they
+    are expected to: what there is to see, before looking."""
     _, J, known = _linearised(fitting, start)
-    certain = Parts(np.zeros(len(J)), np.zeros(len(J)), np.ones(len(J)))
-    full = _information(J, certain, fitting.noise, known, 1.0)
-    full = _without_false_slopes(full, fitting, float(known.sum()) / fitting.noise.sigma_m**2)
-    weight = _prior_information(fitting.prior)
-    inverse = np.linalg.inv(fitting.temper * full + weight + 1e-9 * np.eye(N_UNKNOWNS))
-    errors = fitting.temper**2 * _correlated(fitting, J, known.astype(np.float64), fitting.noise.sigma_m)
-    return np.asarray((inverse @ (errors + weight) @ inverse)[:3, :3])
+    noise, weight = fitting.noise, _prior_information(fitting.prior)
+    ground = np.asarray((1 - noise.standing - noise.outliers) * known, dtype=np.float64)
+    full = np.asarray((J.T * (ground / noise.sigma_m**2)) @ J)
+    full = _without_false_slopes(full, fitting, float(ground.sum()) / noise.sigma_m**2)
+    own = fitting.few * _under_errors(fitting, J, ground, noise.sigma_m)
+    return _claimed(fitting, told(noise) * full, own, weight)[0][:3, :3]
 
 
 def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: FloatArray, converged: bool) -> Refined:
@@ -118,15 +119,11 @@ def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: 
     p = parts(noise, difference)
     full = _information(J, p, noise, known, 1.0)
     spread, n_blocks = _spread(fitting, J * (p.score * known)[:, None])
-    share = n_blocks / (n_blocks + PRIOR_BLOCKS)
-    own = _correlated(fitting, J, np.maximum(p.ground, LEAST_GROUND) * known, noise.sigma_m)
-    own *= fitting.few * max(1.0, fitting.noise.sigma_m / noise.sigma_m) ** 2
-    pooled = fitting.temper**2 * (share * spread + own) + weight
+    own = fitting.few * _under_errors(fitting, J, np.maximum(p.ground, LEAST_GROUND) * known, noise.sigma_m)
     reliability = reliable_share(fitting, unknowns, difference, p.ground * known)
     true = told(noise) * _scaled(full, np.eye(2) * math.sqrt(max(reliability, LEAST_RELIABLE)))
-    inverse = np.linalg.inv(fitting.temper * true + weight + 1e-9 * np.eye(N_UNKNOWNS))
-    covariance = inverse @ pooled @ inverse
-    covariance[:2, :2] += np.eye(2) * fitting.prior.sigma_wander_m**2
+    share = n_blocks / (n_blocks + PRIOR_BLOCKS)
+    covariance, inverse = _claimed(fitting, true, share * spread + own, weight)
     covariance[2, 2] += STANDS * max(0.0, noise.sigma_m**2 - fitting.noise.sigma_m**2)
     density = fitting.temper * float(p.log_density[known].sum())
     level = fitting.temper * _level_log_density(fitting, known)
@@ -140,6 +137,7 @@ def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: 
         float(known.mean()),
         reliability,
         walked(J * (p.ground * known)[:, None] @ inverse[2], fitting.soundings.age_s),
+        np.asarray(inverse[:2, 6:] @ weight[6:, 6:], dtype=np.float64),
         converged,
     )
 
@@ -157,9 +155,23 @@ MOST_OF_PAIRS, FEWEST_PAIRS = 800, 20
 LEAST_RELIABLE = 0.02
 
 
-def _correlated(fitting: Fitting, J: FloatArray, w: FloatArray, sigma_m: float) -> FloatArray:
-    """(10, 10) covariance of the gradient under the model's own errors, which are alike nearby."""
-    return correlated_outer(J * (w / sigma_m)[:, None], fitting.soundings.points_m[:, :2])
+def _claimed(fitting: Fitting, information: FloatArray, errors: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Covariance (10, 10) of the unknowns by what the soundings tell, the covariance of the gradient under their errors, and the
+    prior's information; and the inverse that it rests on."""
+    inverse = np.linalg.inv(fitting.temper * information + weight + 1e-9 * np.eye(N_UNKNOWNS))
+    covariance: FloatArray = inverse @ (fitting.temper**2 * errors + weight) @ inverse
+    covariance[:2, :2] += np.eye(2) * fitting.prior.sigma_wander_m**2
+    return covariance, np.asarray(inverse, dtype=np.float64)
+
+
+def _under_errors(fitting: Fitting, J: FloatArray, w: FloatArray, sigma_m: float) -> FloatArray:
+    """(10, 10) covariance of the gradient, with weights w (N,) over the squared sigma of the fit, under the errors that are
+    expected, and no smaller ones than that sigma says: the soundings' own noise is independent, all else is alike nearby."""
+    gradients = J * (w / sigma_m**2)[:, None]
+    of_soundings = fitting.soundings.sigma_m**2
+    alike = max(sigma_m, fitting.noise.sigma_m) ** 2 - of_soundings
+    outer = correlated_outer(gradients, fitting.soundings.points_m[:, :2])
+    return np.asarray(alike * outer + of_soundings * gradients.T @ gradients)
 
 
 def _without_false_slopes(information: FloatArray, fitting: Fitting, weight: float) -> FloatArray:

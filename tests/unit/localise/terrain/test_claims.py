@@ -1,4 +1,5 @@
-"""What fixes of a single beam claim, against how far off they are: over wooded hills, with a model that errs as models do."""
+"""What fixes of a single beam claim, how far off they are and what was promised: over wooded hills, with a model that errs as
+models do."""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ import pytest
 
 from visloc_companion.localise.terrain.base import Kind, Soundings, TerrainFix, TerrainPrior
 from visloc_companion.localise.terrain.elevation import ElevationMap
+from visloc_companion.localise.terrain.information import expected_sigma_m
 from visloc_companion.localise.terrain.match import locate
 from visloc_companion.localise.terrain.settings import TerrainSettings
 
@@ -36,8 +38,8 @@ def one_beam(world: SimpleNamespace, ground: object, rng: np.random.Generator) -
 
 
 @pytest.fixture(scope="module")
-def fixes(world: SimpleNamespace) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Error (north, east) and claimed covariance of every beam that was accepted."""
+def fixes(world: SimpleNamespace) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Error (north, east) and claimed covariance of every beam that was accepted, and the 1-sigma promised before."""
     found = []
     for seed in range(MODELS):
         rng, ground = np.random.default_rng(seed), world.waves(60, seed=seed)
@@ -51,12 +53,18 @@ def fixes(world: SimpleNamespace) -> list[tuple[np.ndarray, np.ndarray]]:
             prior = TerrainPrior((float(place[0]), float(place[1])), cov, HIGH_M + rng.normal(0, 3), 3.0, sigma_drift_mps=0.05)
             fix = locate(seen, prior, erring, TerrainSettings())
             if isinstance(fix, TerrainFix):
-                found.append((np.array(fix.p_ne_m) - true_ne, np.array(fix.cov_ne_m2)))
+                promised = expected_sigma_m(seen, prior, erring, TerrainSettings())
+                found.append((np.array(fix.p_ne_m) - true_ne, np.array(fix.cov_ne_m2), promised))
     return found
 
 
-def test_errors_of_single_beams_are_as_large_as_they_claim(fixes: list[tuple[np.ndarray, np.ndarray]]) -> None:
-    squared = np.array([error @ np.linalg.solve(cov, error) / 2 for error, cov in fixes])
+def test_errors_of_single_beams_are_as_large_as_they_claim(fixes: list[tuple[np.ndarray, np.ndarray, float]]) -> None:
+    squared = np.array([error @ np.linalg.solve(cov, error) / 2 for error, cov, _ in fixes])
     assert len(squared) > 0.7 * MODELS * BEAMS
     assert 0.65 < np.sqrt(squared.mean()) < 1.2
     assert np.mean(2 * squared < 5.99) > 0.9
+
+
+def test_single_beams_claim_what_was_promised(fixes: list[tuple[np.ndarray, np.ndarray, float]]) -> None:
+    ratios = [np.sqrt(np.linalg.eigvalsh(cov)[-1]) / promised for _, cov, promised in fixes]
+    assert 0.85 < np.median(ratios) < 1.2

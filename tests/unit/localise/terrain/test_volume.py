@@ -1,4 +1,4 @@
-"""The search by FFT is the sum that it stands for, and thinning keeps the low point with its place."""
+"""The search by FFT is the sum that it stands for, and thinning keeps a low point with its place."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_places_off_the_model_have_no_score(world: SimpleNamespace) -> None:
     assert got.scores.score[30, 30] > NO_SCORE
 
 
-def test_the_low_point_of_a_cell_keeps_its_place() -> None:
+def test_a_low_point_of_a_cell_keeps_its_place() -> None:
     rng = np.random.default_rng(1)
     points = np.column_stack([rng.uniform(0, 100, (4000, 2)), rng.uniform(0, 20, 4000)])
     kept = lowest(Soundings(1, points, np.arange(4000.0), 0.3), 10.0)
