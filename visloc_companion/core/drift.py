@@ -66,6 +66,7 @@ class DriftTest:
             causes=SIZES_M,
         )
         self._home = ShiftTest(model, first_weight_s)
+        self._over = 1.0
         self._trial: ShiftTest | None = None
         self._finished_ns: int | None = None
         self._clear_block()
@@ -117,9 +118,13 @@ class DriftTest:
         common_var_m2: float,
         v_ne_mps: Vec2 = (0.0, 0.0),
         ground: Ground | None = None,
+        over: float = 1.0,
     ) -> BlockResult | None:
-        """Take one comparison: variance per axis that the fix claims, and that of the map, which lasts a while; the velocity;
-        what the fix looked at."""
+        """Take one comparison: variance per axis of the fix, and that of the map, which lasts a while; the velocity; what the fix
+        looked at; by what factor that variance is more than the fix claims (claims.py)."""
+        if over > self._over:
+            self._running.unlearn((1 - self._over / over) * fix_var_m2)
+            self._over = over
         since_s = math.inf if self._finished_ns is None else (t_ns - self._finished_ns) * 1e-9
         if since_s > STALE_S:
             self._clear_block()

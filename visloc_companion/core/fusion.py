@@ -234,7 +234,9 @@ def observed(
         S = seen_m2 + R + extra_m2 * UNIT
         if z.from_fix:
             white_ne = lean.whitened(off_m, S)
-            belief = belief._replace(claims=claims.learned(belief.claims, z.method, white_ne))
+            belief = belief._replace(
+                claims=claims.learned(belief.claims, z.method, white_ne, _apart(belief, z), belief.sigma_v_mps)
+            )
         before, innovation_m2 = belief, seen_m2 + R
         if surprises:
             more_m2 = (got.nis / ORDINARY_NIS - 1) * S
@@ -258,6 +260,12 @@ def observed(
     if restart is None:
         return refused.doubting(belief, z), got
     return _fixed(_agreed(refused.restarted(belief, z, restart, settings), z), z), Accepted(got.nis)
+
+
+def _apart(belief: Belief, z: Position) -> claims.Apart:
+    """Where a fix has the vehicle, less its motion."""
+    at_ne_m = z.p_ne_m[0] - belief.moved_ne_m[0], z.p_ne_m[1] - belief.moved_ne_m[1]
+    return claims.Apart(at_ne_m, z.t_ns, (z.cov_ne_m2[0][0] + z.cov_ne_m2[1][1]) / 2)
 
 
 def _suspected(after: Belief, before: Belief, z: Position, squared: float, S: FloatArray) -> Belief:

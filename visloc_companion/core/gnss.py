@@ -184,13 +184,14 @@ class GnssMonitor:
         map_sigma_m: float,
         v_ne_mps: Vec2,
         ground: Ground | None = None,
+        over: float = 1.0,
     ) -> None:
         """Take a comparison: GNSS minus an accepted fix, at the fix's image time, while the receiver has a position; the ground
-        that the fix looked at, all of whose fixes are one witness."""
+        that the fix looked at, all of whose fixes are one witness; by what factor its covariance is more than it claims."""
         fix_var = (fix_cov_m2[0][0] + fix_cov_m2[1][1]) / 2
         gnss, own_var = self._reports.gnss, self._settings.gnss_sigma_m**2
         poor_var = 0.0 if gnss is None else self.sigma_m(gnss) ** 2 - own_var
-        block = self._drift.add(t_ns, difference_ne_m, fix_var, map_sigma_m**2 + poor_var, v_ne_mps, ground)
+        block = self._drift.add(t_ns, difference_ne_m, fix_var, map_sigma_m**2 + poor_var, v_ne_mps, ground, over)
         if block is None:
             return
         self._vision_ns, self._vision_sigma = t_ns, block.distance_sigma

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from visloc_companion.core import votes
+from visloc_companion.core import claims, votes
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_odometry import Lens
 from visloc_companion.core.gnss_witness import Ground
@@ -196,11 +196,17 @@ class GnssAiding:
             self.disown_camera()
 
     def _with_lens(self, fix: Fix) -> Cov2:
-        """Covariance of a fix with what a lens or an aim that is doubted adds to it."""
+        """Covariance of a fix as its neighbours' scatter bears it out, with what a lens or an aim that is doubted adds to it."""
         (nn, ne), (en, ee), (north, east) = *fix.cov_ne_m2, fix.per_focal_ne_m
+        over = self._over(fix)
+        nn, ne, en, ee = over * nn, over * ne, over * en, over * ee
         var, astray_m2 = self._tracker.longer_share**2, self._tracker.astray_m**2
         nn, ee = nn + astray_m2, ee + astray_m2
         return (nn + var * north**2, ne + var * north * east), (en + var * north * east, ee + var * east**2)
+
+    def _over(self, fix: Fix) -> float:
+        belief = self._tracker.rests
+        return 1.0 if belief is None else claims.scattered(belief.claims, fix.method)
 
     def refused(self, fix: Fix) -> None:
         """Show the monitor a fix that the filter refused while GNSS alone has held that since the last one taken: then it is GNSS
@@ -251,7 +257,8 @@ class GnssAiding:
         difference = None if velocity is None else self._tracker.gnss.minus(fix, velocity.v_ned_mps)
         if velocity is not None and difference is not None:
             v_ne_mps, map_sigma_m = velocity.v_ned_mps[:2], self._settings.navigator.map_sigma_m
-            self._monitor.on_vision(fix.t_ns, difference, self._with_lens(fix), map_sigma_m, v_ne_mps, self._ground(fix, held))
+            cov_m2, ground = self._with_lens(fix), self._ground(fix, held)
+            self._monitor.on_vision(fix.t_ns, difference, cov_m2, map_sigma_m, v_ne_mps, ground, self._over(fix))
         return difference
 
     def compare(self, fix: Fix, held: NavState | None = None, *, delay_told: bool = False) -> list[Command]:

@@ -119,6 +119,10 @@ class ShiftTest:
         self._x, self._P = F @ self._x, F @ self._P @ F.conj().T
         self._sums[..., 0] += regressor * self._sums[..., 3]
 
+    def unlearn(self, var: float) -> None:
+        """The constant is less well known by a variance per component: what it was learned from errs by more than was said."""
+        self._P[0, 0] += var
+
     def _likeliest_response(self) -> ComplexArray:
         if self._log_r < MIN_LOG_R_OF_SHIFT:
             return np.zeros_like(self._x)
