@@ -69,7 +69,7 @@ class ErrorFilter:
         R[:2, :2], R[2, 2] = own_cov_m2, fix.sigma_h_then_m**2
         z = np.array([*(p_dead_reckoned_m - np.array(fix.p_ne_m)), h_indicated_m - fix.h_amsl_m])
         # the fix was made of soundings that the mean had moved: what it says is of the errors beyond the mean
-        z[:2] += (H[:2, 2 : self.n] @ self.x[2:])[:2]
+        z[:2] += H[:2, 2 : self.n] @ self.x[2:]
         h = self.n - 1
         x, P = np.append(self.x, self.x[h]), np.zeros((self.n + 1, self.n + 1))
         P[: self.n, : self.n] = self.P

@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from visloc_companion.core import kalman
-from visloc_companion.core.lasting import SHARE, apart_m, mean_m2
+from visloc_companion.core.lasting import SHARE, apart_m, unclaimed_m
 from visloc_companion.types import Command, Cov2, FloatArray, Notice, Rejected, Severity, Vec2
 
 AIM, DIFFERENCE, DELAY, STATES = slice(0, 2), slice(2, 4), 4, 5
@@ -138,13 +138,13 @@ class Aim:
         if self._n >= AGREED and found_m <= AGREES_M and agrees:
             self._agreed_to_m = HIGHER * height_m
         steady = left_m <= STEADY_SHARE * off_m
-        unclaimed_m = math.sqrt(max(0.0, found_m**2 - self._in_common_m2(height_m)))
+        left_over_m = unclaimed_m(found_m, self._claimed_m2 / self._n, self._way_m / apart_m(height_m))
         likely = steady and self._n >= FEWEST and found_m >= USE_M and abs(self.estimate) <= LARGEST
         if likely and timed and sigma_m <= min(USE_SIGMA_M, found_m / USE_SIGMAS):
             self.used, self.doubt = self.estimate, 2 * self.sigma
-        elif likely and unclaimed_m >= DOUBT_M:
-            self.doubt = unclaimed_m / height_m
-        elif unclaimed_m <= AGREES_M or not steady:
+        elif likely and left_over_m >= DOUBT_M:
+            self.doubt = left_over_m / height_m
+        elif left_over_m <= AGREES_M or not steady:
             self.doubt = 0.0
 
     def _follow(self, height_m: float) -> None:
@@ -163,10 +163,6 @@ class Aim:
         fits_m2 = turned**2 / self._heights / n
         claimed_m2 = min(self._claimed_m2 / n, MOST_NOISE**2 * fits_m2)
         return math.sqrt(fits_m2), math.sqrt(max(0.0, self._squares / n - fits_m2 - claimed_m2))
-
-    def _in_common_m2(self, height_m: float) -> float:
-        """Mean square of what the mean of all fixes is off by as they claim it, which is in every level made of them."""
-        return mean_m2(self._claimed_m2 / self._n, self._way_m / apart_m(height_m))
 
     @property
     def _shown_again(self) -> bool:

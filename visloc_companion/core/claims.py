@@ -59,7 +59,7 @@ class Apart(NamedTuple):
 
 def scattered(claims: tuple[Claim, ...], method: str) -> float:
     """The factor of a method's variance for who compares its fixes with something else than the filter, at least 1."""
-    found = next((claim for claim in claims if claim.method == method), None)
+    found = _of(claims, method)
     return 1.0 if found is None else max(found.over, found.apart.over if found.apart else 1.0)
 
 
@@ -81,7 +81,8 @@ class Claim:
 
 def over(claims: tuple[Claim, ...], method: str) -> float:
     """The factor of a method's variance."""
-    return next((claim.over for claim in claims if claim.method == method), 1.0)
+    found = _of(claims, method)
+    return 1.0 if found is None else found.over
 
 
 def learned(
@@ -89,9 +90,13 @@ def learned(
 ) -> tuple[Claim, ...]:
     """After a fix that the filter took, with its innovation made white by what it was taken to err by; where it lay, and how well
     the velocity is known (1-sigma per axis) since the one before."""
-    before = next((claim for claim in claims if claim.method == method), Claim(method, 1.0, white_ne))
+    before = _of(claims, method) or Claim(method, 1.0, white_ne)
     others = tuple(claim for claim in claims if claim.method != method)
     squared = min(math.hypot(*white_ne) ** 2 / 2, math.dist(white_ne, before.white_ne) ** 2 / 4, MOST_SQUARED)
     suspicion = before.suspicion * math.exp(GAIN * (squared - 1))
     apart = apart if before.apart is None or apart is None else before.apart.then(apart, sigma_v_mps)
     return *others, Claim(method, min(max(suspicion, 1.0), CHANCE * MOST), white_ne, apart)
+
+
+def _of(claims: tuple[Claim, ...], method: str) -> Claim | None:
+    return next((claim for claim in claims if claim.method == method), None)

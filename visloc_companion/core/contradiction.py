@@ -25,7 +25,7 @@ EITHER = 0.5
 
 def agreed(refused: tuple[Candidate, ...], method: str) -> tuple[Candidate, ...]:
     """What is refused once the filter has taken a fix of a method as an ordinary one."""
-    return tuple(each for each in refused if each.method != method) if refused else refused
+    return tuple(each for each in refused if each.method != method)
 
 
 def beside(belief: Belief, settings: NavigatorSettings) -> Solutions:

@@ -14,7 +14,7 @@ from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_odometry import Lens
 from visloc_companion.core.gnss_witness import Ground
 from visloc_companion.core.lasting import apart_m
-from visloc_companion.core.map_offset import MapOffset
+from visloc_companion.core.map_offset import Beside, MapOffset
 from visloc_companion.core.modes import INJECTING
 from visloc_companion.core.motion import Motion
 from visloc_companion.core.requests import dragged_m
@@ -195,16 +195,16 @@ class GnssAiding:
             self._told += told
             self.disown_camera()
 
-    def _with_lens(self, fix: Fix) -> Cov2:
-        """Covariance of a fix as its neighbours' scatter bears it out, with what a lens or an aim that is doubted adds to it."""
+    def _with_lens(self, fix: Fix, over: float) -> Cov2:
+        """Covariance of a fix, by a factor more than it claims, with what a lens or an aim that is doubted adds to it."""
         (nn, ne), (en, ee), (north, east) = *fix.cov_ne_m2, fix.per_focal_ne_m
-        over = self._over(fix)
         nn, ne, en, ee = over * nn, over * ne, over * en, over * ee
         var, astray_m2 = self._tracker.longer_share**2, self._tracker.astray_m**2
         nn, ee = nn + astray_m2, ee + astray_m2
         return (nn + var * north**2, ne + var * north * east), (en + var * north * east, ee + var * east**2)
 
     def _over(self, fix: Fix) -> float:
+        """By what factor its covariance is more than it claims, as its neighbours' scatter bears it out."""
         belief = self._tracker.rests
         return 1.0 if belief is None else claims.scattered(belief.claims, fix.method)
 
@@ -257,8 +257,9 @@ class GnssAiding:
         difference = None if velocity is None else self._tracker.gnss.minus(fix, velocity.v_ned_mps)
         if velocity is not None and difference is not None:
             v_ne_mps, map_sigma_m = velocity.v_ned_mps[:2], self._settings.navigator.map_sigma_m
-            cov_m2, ground = self._with_lens(fix), self._ground(fix, held)
-            self._monitor.on_vision(fix.t_ns, difference, cov_m2, map_sigma_m, v_ne_mps, ground, self._over(fix))
+            over = self._over(fix)
+            cov_m2, ground = self._with_lens(fix, over), self._ground(fix, held)
+            self._monitor.on_vision(fix.t_ns, difference, cov_m2, map_sigma_m, v_ne_mps, ground, over)
         return difference
 
     def compare(self, fix: Fix, held: NavState | None = None, *, delay_told: bool = False) -> list[Command]:
@@ -274,11 +275,12 @@ class GnssAiding:
         north, east, _ = velocity.v_ned_mps
         verdict = self._monitor.verdict
         (nn, _), (_, ee) = fix.cov_ne_m2
-        beside = difference, (north, east), fix.per_focal_ne_m, nn + ee, apart_m(abs(self._tracker.height_above_home_m or 0.0))
+        other_m = apart_m(abs(self._tracker.height_above_home_m or 0.0))
+        beside = Beside(fix.t_ns, difference, (north, east), fix.per_focal_ne_m, nn + ee, other_m)
         if verdict.verdict is Verdict.SUSPECT:
-            self._map.suspected(verdict.since_ns, fix.t_ns, *beside)
+            self._map.suspected(verdict.since_ns, beside)
         elif self._monitor.trusted:
-            self._map.compared(fix.t_ns, *beside)
+            self._map.compared(beside)
         self._tracker.know_map(self._map.sigma_m)
         if self._tracker.alike.lens_bend or 0 < self._tracker.alike.aim_share <= self._tracker.alike.aim_open:
             return []

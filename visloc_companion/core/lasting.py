@@ -47,6 +47,12 @@ def mean_m2(claimed_m2: float, gone: float) -> float:
     return SHARE * claimed_m2 * 2 * (gone - 1 + math.exp(-gone)) / gone**2
 
 
+def unclaimed_m(off_m: float, claimed_m2: float, gone: float) -> float:
+    """What is left of a distance without what the mean of such fixes is off by as they claim it, which every level made of them
+    has."""
+    return math.sqrt(max(0.0, off_m**2 - mean_m2(claimed_m2, gone)))
+
+
 def known_m2(cov_m2: FloatArray, P: FloatArray, H: FloatArray) -> float:
     """By how much smaller, on an axis, a fix's innovation is for what is known of the lasting part. Other ground may begin at any
     moment, so no fix is gated for that."""

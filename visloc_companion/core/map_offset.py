@@ -12,11 +12,12 @@ from __future__ import annotations
 
 import math
 from itertools import takewhile
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.core.lasting import LEAST_APART_M, mean_m2
+from visloc_companion.core.lasting import LEAST_APART_M, unclaimed_m
 from visloc_companion.types import Command, FloatArray, Notice, Severity, Vec2
 
 ComplexArray = NDArray[np.complex128]
@@ -37,10 +38,21 @@ FITS_SHARE = 0.4
 """Of the offset, rms: what a lag, or a map's place, leaves unexplained where that is what it is."""
 
 
+class Beside(NamedTuple):
+    """GNSS beside an accepted fix at its time: GNSS less it, the velocity, and what a lens that is twice as long adds to the fix,
+    all north and east; what the fix claims (variance of both axes together); the way to other ground (lasting.apart_m)."""
+
+    t_ns: int
+    off_ne_m: Vec2
+    v_ne_mps: Vec2 = (0.0, 0.0)
+    per_focal_ne_m: Vec2 = (0.0, 0.0)
+    claimed_m2: float = 0.0
+    apart_m: float = LEAST_APART_M
+
+
 class _Differences:
-    """GNSS less fixes (K,), the velocities, and what a lens that is twice as long adds to each fix, all north + i east; what each
-    fix claims (variance of both axes together), and to how many ways to other ground (lasting.apart_m) all have come by then. In
-    the order in which they were compared. Arrays, for the mean of some hundred is asked for with each fix."""
+    """What `Beside` says of K fixes, in the order in which they were compared, all north + i east, and to how many ways to other
+    ground all have come by then. Arrays, for the mean of some hundred is asked for with each fix."""
 
     def __init__(self) -> None:
         self._t_ns: list[int] = []
@@ -58,18 +70,18 @@ class _Differences:
         """To how many ways to other ground the last has come since the first."""
         return self._gone[-1] - self._gone[0] if self._gone else 0.0
 
-    def add(self, t_ns: int, off_ne_m: Vec2, v_ne_mps: Vec2, per_focal_ne_m: Vec2, claimed_m2: float, apart_m: float) -> None:
+    def add(self, one: Beside) -> None:
         """One more, beside those of the last SPAN_NS."""
-        since_s = max(0, t_ns - self._t_ns[-1]) * 1e-9 if self._t_ns else 0.0
-        gone = (self._gone[-1] if self._gone else 0.0) + math.hypot(*v_ne_mps) * since_s / apart_m
-        n_old = sum(1 for _ in takewhile(lambda then_ns: then_ns < t_ns - SPAN_NS, self._t_ns))
+        since_s = max(0, one.t_ns - self._t_ns[-1]) * 1e-9 if self._t_ns else 0.0
+        gone = (self._gone[-1] if self._gone else 0.0) + math.hypot(*one.v_ne_mps) * since_s / one.apart_m
+        n_old = sum(1 for _ in takewhile(lambda then_ns: then_ns < one.t_ns - SPAN_NS, self._t_ns))
         self._keep(n_old, len(self))
-        self._t_ns.append(t_ns)
+        self._t_ns.append(one.t_ns)
         self._gone.append(gone)
-        self.off = np.append(self.off, complex(*off_ne_m))
-        self.v = np.append(self.v, complex(*v_ne_mps))
-        self.per_focal = np.append(self.per_focal, complex(*per_focal_ne_m))
-        self.claimed_m2 = np.append(self.claimed_m2, claimed_m2)
+        self.off = np.append(self.off, complex(*one.off_ne_m))
+        self.v = np.append(self.v, complex(*one.v_ne_mps))
+        self.per_focal = np.append(self.per_focal, complex(*one.per_focal_ne_m))
+        self.claimed_m2 = np.append(self.claimed_m2, one.claimed_m2)
 
     def until(self, t_ns: int) -> None:
         """No longer those after a time."""
@@ -94,36 +106,18 @@ class MapOffset:
         self.distance_m = 0.0
         """Length of the mean difference, or that of a lag; 0 while too little is known."""
 
-    def compared(
-        self,
-        t_ns: int,
-        gnss_minus_fix_m: Vec2,
-        v_ne_mps: Vec2 = (0.0, 0.0),
-        per_focal_ne_m: Vec2 = (0.0, 0.0),
-        claimed_m2: float = 0.0,
-        apart_m: float = LEAST_APART_M,
-    ) -> None:
-        """Take the difference of a trusted GNSS and an accepted fix, with the velocity, what a lens adds to the fix, what the fix
-        claims (variance of both axes together) and the way to other ground. One of more than map and lag may be off by tells of
-        neither: it is GNSS that jumped, and nobody has said so yet."""
-        if math.hypot(*gnss_minus_fix_m) > MOST_M + MOST_LAG_S * math.hypot(*v_ne_mps):
+    def compared(self, one: Beside) -> None:
+        """Take a trusted GNSS beside a fix. One that is further off than map and lag may be tells of neither: it is GNSS that
+        jumped, and nobody has said so yet."""
+        if math.hypot(*one.off_ne_m) > MOST_M + MOST_LAG_S * math.hypot(*one.v_ne_mps):
             return
-        self._differences.add(t_ns, gnss_minus_fix_m, v_ne_mps, per_focal_ne_m, claimed_m2, apart_m)
+        self._differences.add(one)
         self._average()
 
-    def suspected(
-        self,
-        t_ns: int,
-        t_fix_ns: int,
-        gnss_minus_fix_m: Vec2,
-        v_ne_mps: Vec2 = (0.0, 0.0),
-        per_focal_ne_m: Vec2 = (0.0, 0.0),
-        claimed_m2: float = 0.0,
-        apart_m: float = LEAST_APART_M,
-    ) -> None:
-        """GNSS is suspect since a time; take how far from it the newest fix is, which counts until the map was borne out."""
+    def suspected(self, t_ns: int, one: Beside) -> None:
+        """GNSS is suspect since a time; take it beside the newest fix, which counts until the map was borne out."""
         if not self._borne_out:
-            self.compared(t_fix_ns, gnss_minus_fix_m, v_ne_mps, per_focal_ne_m, claimed_m2, apart_m)
+            self.compared(one)
             return
         self._differences.until(t_ns - SOILED_NS)
         self._average()
@@ -163,14 +157,9 @@ class MapOffset:
     def sigma_m(self) -> float:
         """1-sigma of the map on each axis: as configured, or half of what fixes do not claim of the distance, where GNSS does not
         explain that."""
-        unclaimed_m = math.sqrt(max(0.0, self.distance_m**2 - self._in_common_m2))
-        return self._map_sigma_m if unclaimed_m <= self._explained_m else max(self._map_sigma_m, unclaimed_m / 2)
-
-    @property
-    def _in_common_m2(self) -> float:
-        """Mean square of what the mean of all fixes is off by as they claim it."""
         known = self._differences
-        return mean_m2(float(known.claimed_m2.mean()), known.gone) if len(known) else 0.0
+        left_m = unclaimed_m(self.distance_m, float(known.claimed_m2.mean()), known.gone) if len(known) else self.distance_m
+        return self._map_sigma_m if left_m <= self._explained_m else max(self._map_sigma_m, left_m / 2)
 
     def _is_the_lens(self, longer_share: float) -> bool:
         """Whether a lens that is longer by a share leaves nothing of the mean difference that GNSS does not explain."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from visloc_companion.core.map_offset import BORNE_OUT_BY, FEWEST, MOST_M, MapOffset, median
+from visloc_companion.core.map_offset import BORNE_OUT_BY, FEWEST, MOST_M, Beside, MapOffset, median
 from visloc_companion.types import Notice
 
 S = 1_000_000_000
@@ -17,7 +17,7 @@ def after(offset_m: float, n: int = 60, seed: int = 1) -> MapOffset:
     known = MapOffset(0.5)
     for k in range(n):
         north, east = 1.0 * rng.standard_normal(2)
-        known.compared(k * S, (float(north), offset_m + float(east)))
+        known.compared(Beside(k * S, (float(north), offset_m + float(east))))
     return known
 
 
@@ -42,7 +42,7 @@ def high_up(offset_m: float, claim_m: float, n: int, speed_mps: float = 10.0) ->
     """750 m above a map of 5 m a pixel, a fix a second."""
     known = MapOffset(2.5)
     for k in range(n):
-        known.compared(k * S, (0.0, offset_m), (speed_mps, 0.0), (0.0, 0.0), 2 * claim_m**2, 450.0)
+        known.compared(Beside(k * S, (0.0, offset_m), (speed_mps, 0.0), (0.0, 0.0), 2 * claim_m**2, 450.0))
     return known
 
 
@@ -68,7 +68,7 @@ def test_over_more_ground_claims_explain_less_of_a_difference_that_stays() -> No
 def test_a_few_differences_tell_nothing_of_a_map_that_was_borne_out() -> None:
     known = after(0.0, BORNE_OUT_BY)
     for k in range(FEWEST):
-        known.compared((200 + k) * S, (0.0, 8.0))
+        known.compared(Beside((200 + k) * S, (0.0, 8.0)))
         assert known.sigma_m == (0.5 if k < FEWEST - 1 else 4.0)
 
 
@@ -77,7 +77,7 @@ def test_a_gnss_that_jumped_further_than_maps_lie_tells_nothing_of_the_map(jumpe
     """It is trusted for seconds still: 2 km had the map 32 m off with the first fix, and the vehicle lost with the fourth."""
     known = after(0.0)
     for k in range(10):
-        known.compared((60 + k) * S, (0.0, jumped_m), (0.1, 0.0))
+        known.compared(Beside((60 + k) * S, (0.0, jumped_m), (0.1, 0.0)))
     assert known.sigma_m == 0.5
     assert known.notices() == []
 
@@ -85,9 +85,9 @@ def test_a_gnss_that_jumped_further_than_maps_lie_tells_nothing_of_the_map(jumpe
 def never_agreed(offset_m: float, n: int) -> MapOffset:
     """The second fix beside GNSS already has it suspect."""
     known = MapOffset(0.5)
-    known.compared(0, (0.0, offset_m))
+    known.compared(Beside(0, (0.0, offset_m)))
     for k in range(1, n):
-        known.suspected(1 * S, k * S, (0.0, offset_m))
+        known.suspected(1 * S, Beside(k * S, (0.0, offset_m)))
     return known
 
 
@@ -108,22 +108,22 @@ def test_no_map_is_off_by_more_than_tens_of_metres() -> None:
 def test_a_gnss_that_agreed_and_was_led_away_is_wrong() -> None:
     known = after(0.0, 60)
     for k in range(60, 120):
-        known.suspected(60 * S, k * S, (0.0, 30.0))
+        known.suspected(60 * S, Beside(k * S, (0.0, 30.0)))
     assert known.sigma_m == 0.5
 
 
 def test_only_the_last_two_minutes_count() -> None:
     known = after(20.0, 60)
     for k in range(180, 220):
-        known.compared(k * S, (0.0, 0.0))
+        known.compared(Beside(k * S, (0.0, 0.0)))
     assert known.sigma_m == 0.5
 
 
 def test_a_drag_that_was_found_is_not_the_maps() -> None:
     known = after(0.0, 60)
     for k in range(60, 90):
-        known.compared(k * S, (1.0 * (k - 60), 0.0))
-    known.suspected(90 * S, 90 * S, (30.0, 0.0))
+        known.compared(Beside(k * S, (1.0 * (k - 60), 0.0)))
+    known.suspected(90 * S, Beside(90 * S, (30.0, 0.0)))
     assert known.sigma_m == 0.5
     assert known.distance_m < 1.0
 
@@ -133,7 +133,7 @@ def test_a_gnss_that_jumps_early_in_a_flight_says_nothing_of_the_map_before_it_i
     """Five fixes beside one that has jumped by 80 m said that the map is 10 m off GNSS, when neither is."""
     known = after(0.0, n)
     for k in range(n, n + 5):
-        known.compared(k * S, (80.0, 0.0), (10.0, 0.0))
+        known.compared(Beside(k * S, (80.0, 0.0), (10.0, 0.0)))
         assert known.notices() == []
         assert known.sigma_m == 0.5
 
@@ -144,7 +144,7 @@ def lagging(lag_s: float, course_deg: Callable[[int], float], n: int = 60, map_n
     for k in range(n):
         v = 10 * np.array((math.cos(math.radians(course_deg(k))), math.sin(math.radians(course_deg(k)))))
         north, east = (lag_s * v + (map_north_m, 0.0) + rng.standard_normal(2)).tolist()
-        known.compared(k * S, (north, east), (float(v[0]), float(v[1])))
+        known.compared(Beside(k * S, (north, east), (float(v[0]), float(v[1]))))
     return known
 
 
@@ -165,12 +165,12 @@ def test_on_one_course_it_may_be_either_and_later_courses_tell() -> None:
     assert texts(known) == ["visloc: fixes 10 m behind GNSS: delay, or map?"]
     assert texts(known) == []
     for k in range(60, 120):
-        known.compared(k * S, (0.0, -10.0), (0.0, -10.0))
+        known.compared(Beside(k * S, (0.0, -10.0), (0.0, -10.0)))
     assert texts(known) == ["visloc: fixes 1.0 s behind GNSS: camera's delay"]
     mapped = lagging(0.0, lambda k: 0.0, map_north_m=10.0)
     assert texts(mapped) == ["visloc: fixes 10 m behind GNSS: delay, or map?"]
     for k in range(60, 120):
-        mapped.compared(k * S, (10.0, 0.0), (0.0, 10.0))
+        mapped.compared(Beside(k * S, (10.0, 0.0), (0.0, 10.0)))
     assert texts(mapped) == ["visloc: map is 10 m off GNSS"]
 
 
@@ -193,7 +193,7 @@ def test_the_texts_fit_the_screen() -> None:
 def test_what_a_lens_that_fixes_show_to_be_longer_explains_is_not_blamed_on_the_map() -> None:
     known = MapOffset(0.5)
     for k in range(60):
-        known.compared(k * S, (0.0, 8.0), (10.0, 0.0), (0.0, -80.0))
+        known.compared(Beside(k * S, (0.0, 8.0), (10.0, 0.0), (0.0, -80.0)))
     assert known.notices(longer_share=0.1) == []
     assert known.sigma_m == pytest.approx(4.0)
     assert [n.text for n in known.notices(longer_share=-0.1) if isinstance(n, Notice)] == ["visloc: map is 8 m off GNSS"]

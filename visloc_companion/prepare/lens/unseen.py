@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.geo.camera import project, unproject
 from visloc_companion.prepare.lens.coverage import Coverage, part_of
@@ -59,8 +60,7 @@ def ray_sigmas_px(model: CameraModel, without: Sequence[CameraModel], views: Seq
     shown = np.array([_shown(other, model, seen, places) for other in without])
     apart = shown - shown.mean(axis=0)
     sigmas = np.sqrt((len(without) - 1) / len(without) * np.square(apart).sum(axis=(0, 2)))
-    folded = ~(np.hypot(*(project(model, unproject(model, places)) - places).T) < _FOLDED_PX)
-    return np.where(folded | ~np.isfinite(sigmas), np.inf, sigmas).reshape(down, across)
+    return np.where(_has_rays(model, places) & np.isfinite(sigmas), sigmas, np.inf).reshape(down, across)
 
 
 def _shown(other: CameraModel, model: CameraModel, seen: FloatArray, places: FloatArray) -> FloatArray:
@@ -69,9 +69,13 @@ def _shown(other: CameraModel, model: CameraModel, seen: FloatArray, places: Flo
     theirs, ours = _unit(unproject(other, seen)), _unit(unproject(model, seen))
     U, _, Vt = np.linalg.svd(theirs.T @ ours)
     pix = project(other, unproject(model, places) @ (U @ Vt).T)
-    ahead = np.where(np.isfinite(pix), pix, (other.cx_px, other.cy_px))
-    back = project(other, unproject(other, ahead))
-    return np.where((np.hypot(*(back - pix).T) < _FOLDED_PX)[:, None], pix, np.nan)
+    return np.where(_has_rays(other, pix)[:, None], pix, np.nan)
+
+
+def _has_rays(model: CameraModel, pix: FloatArray) -> NDArray[np.bool_]:
+    """(N,) whether a lens shows the ray of a pixel there again, and has one: none of NaN."""
+    finite = np.where(np.isfinite(pix), pix, (model.cx_px, model.cy_px))
+    return np.asarray(np.hypot(*(project(model, unproject(model, finite)) - pix).T) < _FOLDED_PX)
 
 
 def _unit(rays: FloatArray) -> FloatArray:
