@@ -40,6 +40,11 @@ def read_table(path: Path, columns: tuple[str, ...], kind: ErrorKind = LogError)
     return [empty | dict(zip(names, (value.strip() for value in line), strict=False)) for line in lines[1:]]
 
 
+def number_in(text: str) -> float:
+    """The number of a field. Raises ValueError where there is none; Python itself takes 1_0 for ten."""
+    return float(text.replace("_", "no digit"))
+
+
 def torn(path: Path) -> list[str]:
     """A sentence on a table that ends in the middle of a row, as a loss of power leaves it; what is whole of it is read."""
     with suppress(OSError, UnicodeDecodeError, csv.Error):

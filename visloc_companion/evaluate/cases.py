@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from visloc_companion.adapters.camera.image import decode_image
+from visloc_companion.adapters.table import number_in
 from visloc_companion.errors import CasesError
 from visloc_companion.evaluate.case_ids import require_distinct
 from visloc_companion.evaluate.number_list import number_texts
@@ -246,7 +247,7 @@ def _named(row: dict[str, str], column: str) -> str:
 
 def _number(row: dict[str, str], column: str) -> float:
     try:
-        value = float(row[column].replace("_", "no digit"))  # Python takes 1_0 for ten
+        value = number_in(row[column])
     except ValueError:
         remedy = " (write decimals with a point)" if "," in row[column] else ""
         raise ValueError(f"{column} is not a number: {row[column]!r}{remedy}") from None

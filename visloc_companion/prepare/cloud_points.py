@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.errors import CloudError, DatumMissing
+from visloc_companion.errors import CloudError, ConfigError, DatumMissing
 from visloc_companion.maps.cloud_las import LasFile, open_las
 from visloc_companion.maps.cloud_tiles import POINTS_TYPE, SPACING_M, STEP_M, TILE_M, TILES_TYPE
 from visloc_companion.maps.crs import MapCrs, map_crs
@@ -69,10 +69,10 @@ def pack_cloud(
     """Open all files once and settle their datum; None without files.
 
     Raises CloudError for a file that cannot be read, DatumMissing for one without a CRS, or ellipsoidal without an undulation,
-    and for a `crs_text` that no file takes.
+    and for a `crs_text` that no file takes, ConfigError for one without files.
     """
     if crs_text and not paths:
-        raise DatumMissing("is given without --cloud", where="--cloud-crs", remedy="name the clouds, or leave it out")
+        raise ConfigError("is given without --cloud", where="--cloud-crs", remedy="name the clouds, or leave it out")
     if not paths:
         return None
     named, takes_it = [], False

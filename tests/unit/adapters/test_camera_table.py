@@ -18,6 +18,7 @@ from visloc_companion.errors import CameraError
         ("t_us\n1\n2\n", r"frames\.csv: has 2 rows, flight\.avi 3 frames; remedy: write a row for each frame"),
         ("t_us\n1\n3\n2\n", r"frames\.csv, row 3, column t_us: goes back; remedy"),
         ("t_us\n1\ninf\n2\n", r"frames\.csv, row 2, column t_us: has no whole number of microseconds; remedy"),
+        ("t_us\n1\n60_000_000\n90000000\n", r"frames\.csv, row 2, column t_us: has no whole number of microseconds; remedy"),
         ("t_us,t_us\n1,1\n2,2\n3,3\n", r"frames\.csv: has column t_us more than once; remedy"),
         ("t_us,file\n1,a.png\n2,b.png\n3,c.png\n", r"frames\.csv: lists a\.png beside flight\.avi; remedy"),
     ],

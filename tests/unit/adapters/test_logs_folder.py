@@ -161,6 +161,8 @@ def test_a_wrong_camera_file_is_named(flight: Path, toml: str, words: str) -> No
         ("frames.csv", "t_us,file\n60000000,frames\\f0.png\n", "none of the files that it lists is there, the first being "),
         ("truth.csv", "t_us,lat_deg,lat_deg,lon_deg,h_amsl_m\n1,47,46,8,9\n", "has column lat_deg more than once"),
         ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n1,47,8,\n", "row 1, column h_amsl_m"),
+        ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n1,47,8,4_6\n", "row 1, column h_amsl_m"),
+        ("frames.csv", "t_us,file\n60_000_000,f0.png\n", "row 1, column t_us"),
         ("truth.csv", "t_us,lat_deg,lon_deg\n1,47,8\n", "column h_amsl_m"),
         ("truth.csv", "t_us,lat_deg,lon_deg,h_amsl_m\n", "has no rows"),
         ("truth.csv", "", "has no column t_us, lat_deg, lon_deg, h_amsl_m"),

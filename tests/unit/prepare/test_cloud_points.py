@@ -12,7 +12,7 @@ import rasterio
 from typer.testing import CliRunner
 
 from visloc_companion.cli.map import map_app
-from visloc_companion.errors import CloudError, DatumMissing, HashMismatch, MapError, OutsideMap
+from visloc_companion.errors import CloudError, ConfigError, DatumMissing, HashMismatch, MapError, OutsideMap
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.manifest import MANIFEST
 from visloc_companion.maps.pack import PackMap
@@ -201,7 +201,7 @@ def test_a_crs_that_no_cloud_takes_is_not_passed_over(tmp_path: Path, ortho) -> 
         build_pack([image], None, tmp_path / "pack", clouds=[las], cloud_crs="EPSG:25832")
     with pytest.raises(MapError, match=r"--cloud-crs: is not a coordinate reference system: 'UTM 33'"):
         build_pack([image], None, tmp_path / "pack", clouds=[las], cloud_crs="UTM 33")
-    with pytest.raises(DatumMissing, match=r"--cloud-crs: is given without --cloud; remedy"):
+    with pytest.raises(ConfigError, match=r"--cloud-crs: is given without --cloud; remedy"):
         build_pack([image], None, tmp_path / "pack", cloud_crs="EPSG:32633")
     build_pack([image], None, tmp_path / "pack", clouds=[las], cloud_crs="EPSG:32633")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from visloc_companion.adapters.camera.video_stamps import frame_count
-from visloc_companion.adapters.table import ErrorKind, read_table, refuse
+from visloc_companion.adapters.table import ErrorKind, number_in, read_table, refuse
 from visloc_companion.errors import CameraError
 
 TIME_BASES = ("autopilot_boot", "unix", "offset")
@@ -84,7 +84,7 @@ def times_of_video(table: Path, video: Path, kind: ErrorKind = CameraError) -> t
 
 def _time_us(table: Path, number: int, row: dict[str, str], kind: ErrorKind) -> int:
     try:
-        return int(float(row["t_us"]))
+        return int(number_in(row["t_us"]))
     except (ValueError, OverflowError) as why:
         raise refuse(table, number, "t_us", "has no whole number of microseconds", "write microseconds", kind) from why
 

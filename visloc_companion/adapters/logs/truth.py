@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from visloc_companion.adapters.logs.recording import NS_PER_US
-from visloc_companion.adapters.table import read_table, refuse
+from visloc_companion.adapters.table import number_in, read_table, refuse
 from visloc_companion.types import GeoPoint
 
 _COLUMNS = ("t_us", "lat_deg", "lon_deg", "h_amsl_m")
@@ -48,7 +48,7 @@ def _row(path: Path, number: int, row: dict[str, str], boot_from_file_ns: int) -
 
 def _value(path: Path, number: int, row: dict[str, str], name: str) -> float:
     try:
-        value = float(row[name])
+        value = number_in(row[name])
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
