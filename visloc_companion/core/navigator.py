@@ -9,6 +9,8 @@ motion: core/motion.py; accelerations: core/inertial.py.
 
 from __future__ import annotations
 
+from typing import assert_never
+
 from visloc_companion.core import gnss_words, requests, streams
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
@@ -248,6 +250,8 @@ class Navigator:
                 if self._terrain is not None:
                     self._terrain.abandoned()
                 return self._vision.request(now_ns)
+            case _:
+                assert_never(event)
 
     # ------------------------------------------------------------------------------------------- the link and its origin
 

@@ -95,7 +95,7 @@ class _Asked:
     where: Where
     height_m: float
     sigma_v_mps: float
-    tile: Tile | None
+    searched: tuple[Tile, Tiles] | None
     number: int | None
     risk: float
 
@@ -129,7 +129,7 @@ class PlaceSearch:
         self._tile_next = True
         self._n_swept = 0
         if self._asked is not None:
-            self._asked = replace(self._asked, tile=None, number=None)
+            self._asked = replace(self._asked, searched=None, number=None)
 
     @property
     def active(self) -> bool:
@@ -164,11 +164,11 @@ class PlaceSearch:
         place is found where it is false with a probability of at most `risk`."""
         height_m = max(height_m, LEAST_HEIGHT_M)
         self._carry(t_ns)
-        due, tile = self._due(t_ns), None
+        due, searched = self._due(t_ns), None
         if due is None or due.log_odds < hypotheses.FIRST_LOG_ODDS:
             due = self._likely() or due
         if due is None or (self._tile_next and due.log_odds < hypotheses.FIRST_LOG_ODDS):
-            tile, tiles = self._next_tile(t_ns, height_m, about)
+            tile, tiles = searched = self._next_tile(t_ns, height_m, about)
             variance = (tiles.radius_m / 3) ** 2
             share = 1.0 if self._thorough else QUICK_SHARE
             where = Where(tiles.place_ne_m(tile), ((variance, 0.0), (0.0, variance)), share, tiles.half_m)
@@ -176,9 +176,9 @@ class PlaceSearch:
             least = (LISTED_HEIGHTS * height_m) ** 2
             (nn, ne), (_, ee) = due.cov_ne_m2
             where = Where(due.place_ne_m, ((nn + least, ne), (ne, ee + least)))
-        self._tile_next = tile is None
-        number = due.number if tile is None and due is not None else None
-        self._asked = _Asked(request_id, t_ns, where, height_m, sigma_v_mps, tile, number, risk)
+        self._tile_next = searched is None
+        number = due.number if searched is None and due is not None else None
+        self._asked = _Asked(request_id, t_ns, where, height_m, sigma_v_mps, searched, number, risk)
         return where
 
     def is_asked(self, request_id: int) -> bool:
@@ -193,8 +193,8 @@ class PlaceSearch:
         if isinstance(answer, NoFix) and answer.reason in NO_ANSWER:
             self._spare_worker(asked, now_ns)
             return None
-        if asked.tile is not None:
-            self._listed(asked, asked.tile, answer, origin)
+        if asked.searched is not None:
+            self._listed(asked, *asked.searched, answer, origin)
             return None
         if asked.number is None:
             return None
@@ -209,8 +209,8 @@ class PlaceSearch:
     def _spare_worker(self, asked: _Asked, now_ns: int) -> None:
         """A tile that cost the worker its life is not asked for again at once: smaller ones are. Where it was the first of
         a larger size, the sweep of before goes on."""
-        if asked.tile is not None and self._swept is not None:
-            self._size.lost(self._swept[1].radius_m, now_ns)
+        if asked.searched is not None:
+            self._size.lost(asked.searched[1].radius_m, now_ns)
             self._swept, self._before = self._before, None
 
     def _tested(self, h: Hypothesis, asked: _Asked, answer: Fix | NoFix, origin: GeoPoint) -> Hypothesis:
@@ -223,14 +223,14 @@ class PlaceSearch:
         untold = isinstance(answer, Fix) or answer.reason in SAYS_NOTHING
         return hypotheses.untold(h) if untold else hypotheses.missed(h)
 
-    def _listed(self, asked: _Asked, tile: Tile, answer: Fix | NoFix, origin: GeoPoint) -> None:
+    def _listed(self, asked: _Asked, tile: Tile, tiles: Tiles, answer: Fix | NoFix, origin: GeoPoint) -> None:
         """The places that the search of a tile lists become hypotheses. What is merely open was chosen for what this ground looks
         like: only other ground may count for it."""
         outside = isinstance(answer, NoFix) and answer.reason is Reason.OUTSIDE_MAP
-        if self._swept is not None and isinstance(answer, NoFix) and answer.reason in SAYS_NOTHING:
-            self._swept[1].untold(tile)
-        elif self._swept is not None:
-            self._swept[1].answered(tile, not outside, ends_of(answer))
+        if isinstance(answer, NoFix) and answer.reason in SAYS_NOTHING:
+            tiles.untold(tile)
+        else:
+            tiles.answered(tile, not outside, ends_of(answer))
             self._before = self._before if outside else None  # tiles outside of the map cost nothing
         sigma_m, spacing = LISTED_HEIGHTS * asked.height_m, SPACING_HEIGHTS * asked.height_m
         least = LIKELY if asked.where.share_of_sigmas < 1 else THOROUGH

@@ -57,6 +57,7 @@ def test_rejects_time_going_back_and_broken_samples() -> None:
     assert buffer.add(900 * MS, LEVEL, STILL) is Reason.IMPLAUSIBLE_TIME
     assert buffer.add(1100 * MS, (math.nan, 0.0, 0.0, 0.0), STILL) is Reason.NOT_FINITE
     assert buffer.add(1100 * MS, (0.0, 0.0, 0.0, 0.0), STILL) is Reason.NOT_FINITE
+    assert buffer.add(1100 * MS, LEVEL, (0.0, math.inf, 0.0)) is Reason.NOT_FINITE
     assert buffer.add(1100 * MS, LEVEL, STILL) is None
 
 

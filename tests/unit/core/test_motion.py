@@ -245,6 +245,19 @@ def test_the_memory_keeps_the_start_of_an_interval_that_it_still_holds() -> None
     assert one.at(10 * S).p_ned_m[0] < 105.0
 
 
+def test_nothing_is_forgotten_while_an_interval_that_began_before_it_is_held() -> None:
+    """The first interval is older than the memory by then, the second began before all that is in the log."""
+    one = started()
+    one.drive(velocity(0.5))
+    one.observe_motion(motion(0.6, (5.0, 0.0)))
+    one.observe_motion(motion(5.0, (49.0, 0.0), span_s=4.8))
+    one.drive(velocity(7.0))
+    assert one.earliest_ns == 0
+    assert isinstance(one.observe_motion(motion(0.4, (3.0, 0.0), span_s=0.3)), Accepted)
+    one.drive(velocity(11.5))
+    assert one.earliest_ns == 5 * S
+
+
 def replaced_velocity(at_s: float) -> Belief:
     """At `at_s` seconds an inertial velocity that erred by 5 m/s, well known, gives way to the autopilot's, which is right."""
     belief = seeded(0, (0.0, 0.0), 1.0, 0.8, Drive.INERTIAL, SETTINGS)

@@ -385,3 +385,8 @@ def test_a_vanished_origin_cannot_happen_but_seeding_needs_one() -> None:
         commands = navigator.on(Tick(now), now)
     assert isinstance(commands[-1], Status)
     assert commands[-1].place is None
+
+
+def test_what_is_no_event_is_told_and_not_passed_over() -> None:
+    with pytest.raises(AssertionError, match="'weather'"):
+        Navigator(CoreSettings()).on("weather", S)  # type: ignore[arg-type]

@@ -138,6 +138,7 @@ def test_only_those_that_say_nothing_of_their_own_are_merged() -> None:
     kept = separation.apart(w, x, P)
     assert kept.leaves == (EVERY,)
     assert len(separation.apart(replace(w, x=w.x + math.sqrt(np.trace(P[:2, :2]))), x, P)) == 2
+    assert separation.apart(kept, x, P) is kept
 
 
 @pytest.mark.parametrize("drive", list(Drive))
@@ -161,6 +162,20 @@ def test_covariances_that_are_carried_on_when_asked_for_are_those_of_every_step(
     np.testing.assert_allclose(belief.without.position_m2.T.reshape(-1, 2, 2), P[:, POSITION, POSITION], rtol=1e-9)
     later = replace(belief.without, then=belief.without.P, way=None)
     np.testing.assert_allclose(later.position_m2, belief.without.position_m2, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("first", "then"), [(Drive.INERTIAL, Drive.FED_BACK), (Drive.FED_BACK, Drive.INERTIAL)])
+def test_what_each_has_of_its_own_velocity_begins_and_ends_with_that_velocity(first: Drive, then: Drive) -> None:
+    belief = taken(start(first), 1.0, 1.0)
+    P = belief.without.P
+    for drive in (first, then, then):
+        belief = belief._replace(drive=drive)
+        on = step(1.0, drive, belief.sigma_a_mps2, (0.0, 0.0), SETTINGS, 5.0 / belief.apart_m, belief.lens_share)
+        sigmas = [own_sigma_mps(belief, int(n), x) for n, x in zip(belief.without.rested_ns, belief.without.x, strict=True)]
+        P = on.F @ P @ on.F.T + on.Q + np.square(sigmas)[:, None, None] * on.V
+        belief = fusion.propagated(belief, belief.t_ns + S, (4.0, 3.0), SETTINGS)
+    np.testing.assert_allclose(belief.without.P, P, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(belief.without.position_m2.T.reshape(-1, 2, 2), P[:, POSITION, POSITION], rtol=1e-9)
 
 
 def own_sigma_mps(belief: Belief, rested_ns: int, x: FloatArray) -> float:

@@ -285,6 +285,25 @@ def test_a_turn_that_contradicts_all_is_not_taken() -> None:
     assert abs(known.turn_ne_rad[0]) < math.radians(0.1)
 
 
+def test_a_turn_since_a_kept_frame_that_contradicts_all_is_not_taken() -> None:
+    found = []
+    for wrong_deg in (0.0, 20.0):
+        memory = TiltMemory(STATED_RAD)
+        for k in range(1, 100):
+            told(memory, k, np.zeros(2), 0.25 * k)
+        for k in range(100, 103):
+            request = request_of(k, LEVEL, 0.25 * k)
+            memory.asked(request, LEVEL)
+            right = turn_to(request, np.zeros(2), math.radians(0.05))
+            seen = turn_to(request, np.radians([wrong_deg, 0.0]), math.radians(0.05))
+            memory.turned(right, right if k == 100 else replace(seen, t_from_ns=99 * 250_000_000))
+        found.append(memory.known(request.frame.t_ns, LEVEL))
+    assert found[0] is not None
+    assert found[1] is not None
+    assert math.dist(found[0].turn_ne_rad, found[1].turn_ne_rad) < math.radians(0.05)
+    assert found[1].sigma_rad >= found[0].sigma_rad  # it told nothing
+
+
 def test_an_autopilot_that_begins_to_swing_is_followed_at_once() -> None:
     """By 3 degrees within 14 s, as ArduCopter's did (decision 43), seen by turns of 0.05 degrees (1-sigma): of what the memory
     misses the pendulum is made."""
