@@ -57,7 +57,8 @@ class World:
 class Moment:
     """Every PERIOD_S: what the receiver says, and once a second a fix and the odometry's displacement, where there are any.
 
-    `difference_ne_m` is GNSS minus fix, `ground` what that looked at; `*_moved_ne_m` are displacements since the last second.
+    `difference_ne_m` is GNSS minus fix, `ground` what that looked at; `*_moved_ne_m` are displacements since the last second;
+    `over` is by what factor the variance of fixes is more than they claim.
     """
 
     t_s: float
@@ -72,6 +73,7 @@ class Moment:
     odometry_moved_ne_m: Vec2
     odometry_var_m2: float
     ground: Ground | None
+    over: float
 
 
 class Flight:
@@ -121,7 +123,7 @@ class Flight:
             yield Moment(
                 t_s, sample.has_fix, -sample.p_ned_m[2], -self._p[2] * self._stretch + self._baro.step(PERIOD_S),
                 sample.v_ned_mps, math.hypot(*sample.false_ned_m), difference, self._claim_m**2, gnss_moved, odometry_moved,
-                self._odometry_var_m2, ground,
+                self._odometry_var_m2, ground, self._held.over,
             )  # fmt: skip
 
     def _fly(self, t_s: float) -> Vec3:

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from visloc_companion.core.settings import GnssSettings
 from visloc_companion.sim import faults
 from visloc_companion.sim.faults import FaultSchedule
 
@@ -54,6 +55,21 @@ def test_a_fix_tells_what_it_looked_at_and_how_far_it_lay_from_where_fixes_had_t
     dragged = list(flights.Flight(2, faults.slow_drag(100.0, 1.0, 0.3), 300.0, world).moments())
     late = [m.ground for m in dragged if m.ground is not None and m.t_s > 160.0]
     assert np.mean([math.hypot(*ground.off_ne_m) for ground in late]) < 5.0, "the filter learns that the velocity is false"
+
+
+def test_fixes_that_claim_too_little_are_believed_less_as_the_daemon_does(load, monkeypatch):
+    flights, roc = load("gnss_flights"), load("gnss_roc")
+    mean_over = {}
+    for claim in (1.0, 0.2):
+        world = flights.World(claim=(claim, claim), lasting_share=(0.0, 0.0), outage_every_s=1e9)
+        moments = list(flights.Flight(4, FaultSchedule(), 60.0, world).moments())
+        mean_over[claim] = np.mean([m.over for m in moments if m.difference_ne_m is not None][-10:])
+    assert mean_over[0.2] > 1.7 > 1.3 > mean_over[1.0] >= 1.0
+    shown = []
+    monkeypatch.setattr(roc.GnssMonitor, "on_vision", lambda self, *seen: shown.append((seen[2][0][0], seen[6])))
+    list(roc.watch(flights.Flight(4, FaultSchedule(), 60.0, world), GnssSettings()))
+    fixes = [m for m in moments if m.difference_ne_m is not None]
+    assert shown == [(m.over * m.claimed_var_m2, m.over) for m in fixes]
 
 
 def test_a_filter_on_fixes_refuses_starts_anew_and_gives_way_to_gnss(load):
