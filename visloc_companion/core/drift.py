@@ -48,8 +48,15 @@ class BlockResult:
 class DriftTest:
     """The test while GNSS is trusted, and in its probation; `add` answers when a block is finished."""
 
-    def __init__(self, gnss_sigma_m: float, grounds: Grounds | None = None, first_weight_s: float = FIRST_WEIGHT_S) -> None:
-        """`first_weight_s` weighs "false before the first comparison"."""
+    def __init__(
+        self,
+        gnss_sigma_m: float,
+        grounds: Grounds | None = None,
+        first_weight_s: float = FIRST_WEIGHT_S,
+        first_drag_weight_s: float | None = None,
+    ) -> None:
+        """`first_weight_s` weighs "false before the first comparison", and where it is told `first_drag_weight_s` "dragged from
+        there on"."""
         self.grounds = Grounds() if grounds is None else grounds
         """What fixes looked at, and how the first of each ground lay: that outlives a test."""
         model = ShiftModel(
@@ -65,7 +72,7 @@ class DriftTest:
             max_constant=MAX_BIAS_M,
             causes=SIZES_M,
         )
-        self._home = ShiftTest(model, first_weight_s)
+        self._home = ShiftTest(model, first_weight_s, first_drag_weight_s)
         self._over = 1.0
         self._trial: ShiftTest | None = None
         self._finished_ns: int | None = None

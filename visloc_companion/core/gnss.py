@@ -51,8 +51,8 @@ class GnssMonitor:
     def __init__(self, settings: GnssSettings) -> None:
         self._settings = settings
         self._reports, self._interference = Reports(), Interference()
-        self._first_weight_s = gnss_odds.BEFORE_S
-        self._drift = DriftTest(settings.gnss_sigma_m, first_weight_s=self._first_weight_s)
+        self._first_weights_s = gnss_odds.BEFORE_S, gnss_odds.BEFORE_S
+        self._drift = DriftTest(settings.gnss_sigma_m, None, *self._first_weights_s)
         self._odometry, self._height = OdometryTest(), HeightTest()
         self._clock, self._map = GnssClock(), MapCheck()
         self._trust = Trust(settings)
@@ -141,12 +141,12 @@ class GnssMonitor:
         when it is first heard of may fly beside a GNSS that has been false for long."""
         if self._armed is None and armed:
             self.found_in_flight = True
-            self._first_weight_s = gnss_odds.first_weight_s(gnss_odds.FALSE_FOUND_IN_FLIGHT)
+            self._first_weights_s = gnss_odds.found_in_flight_s()
             self._drift = self._drift_anew()
         self._armed, self._clock_follows = armed, not armed or autopilot is not AutopilotKind.ARDUPILOT
 
     def _drift_anew(self) -> DriftTest:
-        return DriftTest(self._settings.gnss_sigma_m, self._drift.grounds, self._first_weight_s)
+        return DriftTest(self._settings.gnss_sigma_m, self._drift.grounds, *self._first_weights_s)
 
     def on_height(self, *, low: bool) -> None:
         """Whether the vehicle is as low as on the ground: one that was armed higher up flies until it is low and disarmed."""

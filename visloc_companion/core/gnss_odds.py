@@ -16,12 +16,22 @@ RATE_PER_S = ATTACKS_PER_H / 3600.0
 FALSE_RETURN = 0.1
 FALSE_AFTER_DISAGREEMENT = 0.5
 FALSE_FOUND_IN_FLIGHT = FALSE_RETURN
+DRAGGED_FROM_THERE_S = 300.0
+"""What a drag weighs, in seconds, that leaves the truth as such a GNSS is first compared: one that began long before has it
+elsewhere by then, like a step, and few begin just then (decision 91)."""
 BEFORE_S = 30.0
 
 
 def first_weight_s(probability: float) -> float:
     """The weight of a test's first start, in seconds, that gives a prior probability of "false from the beginning"."""
     return probability / (1 - probability) / RATE_PER_S
+
+
+def found_in_flight_s() -> tuple[float, float]:
+    """The weights of the first start of a GNSS that is found in flight, in seconds, for steps and for drags: their mean gives the
+    prior probability, for as many steps are looked for as drags."""
+    mean_s = first_weight_s(FALSE_FOUND_IN_FLIGHT)
+    return 2 * mean_s - DRAGGED_FROM_THERE_S, DRAGGED_FROM_THERE_S
 
 
 def log_r(probability: float) -> float:

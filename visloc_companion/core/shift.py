@@ -75,7 +75,9 @@ class ShiftResult:
 class ShiftTest:
     """The test of one series."""
 
-    def __init__(self, model: ShiftModel, first_weight_s: float = FIRST_WEIGHT_S) -> None:
+    def __init__(
+        self, model: ShiftModel, first_weight_s: float = FIRST_WEIGHT_S, first_ramp_weight_s: float | None = None
+    ) -> None:
         self._model = model
         self._is_step = np.array([True] * bool(model.steps) + [False] * bool(model.ramps))[:, None]
         sizes = [s for s in (model.steps, model.ramps) if s]
@@ -85,7 +87,7 @@ class ShiftTest:
         self._x: ComplexArray = np.zeros(STATES, dtype=complex)
         self._P: ComplexArray = np.diag([model.constant**2, model.slow**2, 0.0, model.factor**2]).astype(complex)
         self._t_s: float | None = None
-        self.forget(first_weight_s)
+        self.forget(first_weight_s, first_ramp_weight_s)
 
     @property
     def healthy(self) -> complex:
@@ -97,11 +99,13 @@ class ShiftTest:
         """The statistic after the last difference; minus infinity at the beginning."""
         return self._log_r
 
-    def forget(self, first_weight_s: float = FIRST_WEIGHT_S) -> None:
-        """Drop all starts; what was learned of the healthy difference stays. The next start weighs so many seconds."""
-        self._starts = np.zeros((3, 0))  # time, number, log of the weight
+    def forget(self, first_weight_s: float = FIRST_WEIGHT_S, first_ramp_weight_s: float | None = None) -> None:
+        """Drop all starts; what was learned of the healthy difference stays. The next start weighs so many seconds, a ramp that
+        begins there others where they are told: one that began long before is a step by then."""
+        self._starts = np.zeros((4, 0))  # time, number, log of the weight of a step, of a ramp
         self._sums: ComplexArray = np.zeros((len(self._is_step), 0, STATES + 2), dtype=complex)  # response of the states, A, b
-        self._n, self._log_r, self._first_weight_s = 0, -math.inf, first_weight_s
+        self._n, self._log_r = 0, -math.inf
+        self._first_weights_s = first_weight_s, first_weight_s if first_ramp_weight_s is None else first_ramp_weight_s
         self._causes = OtherCauses(STATES, self._model.causes, self._model.components)
 
     def fork(self, first_weight_s: float = FIRST_WEIGHT_S) -> ShiftTest:
@@ -179,9 +183,11 @@ class ShiftTest:
         )
         if not keep.all():
             self._starts, self._sums = self._starts[:, keep], self._sums[:, keep]
-        weight_s = self._first_weight_s if self._n == 0 else max(dt_s, FIRST_WEIGHT_S)
+        usual_s = max(dt_s, FIRST_WEIGHT_S)
+        step_s, ramp_s = self._first_weights_s if self._n == 0 else (usual_s, usual_s)
         none = np.zeros((len(self._is_step), 1, STATES + 2), dtype=complex)
-        self._starts = np.concatenate((self._starts, np.array([[start_s], [self._n], [math.log(weight_s)]])), axis=1)
+        start = np.array([[start_s], [self._n], [math.log(step_s)], [math.log(ramp_s)]])
+        self._starts = np.concatenate((self._starts, start), axis=1)
         self._sums = np.concatenate((self._sums, none), axis=1)
         self._n += 1
 
@@ -201,7 +207,8 @@ class ShiftTest:
         """log of the sum over kinds, sizes and starts of the likelihood ratios, (kinds, sizes, starts) at once."""
         b = self._sums[..., STATES + 1]
         b_2 = (b.real**2 + b.imag**2)[:, None, :]
+        log_weight = np.where(self._is_step, self._starts[2], self._starts[3])[:, None, :]
         spread = 1 + self._sums[:, None, :, STATES].real * self._var
-        log_ratio = 0.5 * (b_2 * self._var / spread - self._model.components * np.log(spread)) + self._starts[2]
+        log_ratio = 0.5 * (b_2 * self._var / spread - self._model.components * np.log(spread)) + log_weight
         top = float(log_ratio.max())
         return top + math.log(float(np.exp(log_ratio - top).sum())) + self._log_share

@@ -143,6 +143,15 @@ def test_what_came_back_without_a_fix_is_as_likely_to_be_false_as_it_was() -> No
     assert off_over_one_ground(unseen, 36.0, 5, 20) > THRESHOLD
 
 
+def test_a_first_fix_that_agrees_speaks_for_a_gnss_that_was_found_in_flight() -> None:
+    """Whatever had been false for long would lie elsewhere; half of the weight was on what begins to move just then."""
+    monitor = GnssMonitor(GnssSettings())
+    monitor.on_vehicle(True, AutopilotKind.ARDUPILOT)
+    monitor.on_gnss(replace(GOOD, t_rx_ns=0))
+    monitor.on_vision(0, (0.5, -0.5), COV, 1.0, (0.0, 0.0))
+    assert monitor.update(0, EkfSource.GNSS).probability_false < gnss_odds.FALSE_FOUND_IN_FLIGHT / 8
+
+
 @pytest.mark.parametrize("found_in_flight", [False, True])
 def test_a_camera_that_was_disowned_has_not_shown_gnss_right_either(found_in_flight: bool) -> None:
     monitor = GnssMonitor(GnssSettings())

@@ -13,7 +13,7 @@ from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import wgs84
-from visloc_companion.types import Accepted, EkfSource, Fix, GeoPoint, Gnss, Mode
+from visloc_companion.types import Accepted, AutopilotKind, EkfSource, Fix, GeoPoint, Gnss, Mode
 
 S = 1_000_000_000
 ORIGIN = GeoPoint(59.3, 18.1, 40.0)
@@ -66,8 +66,9 @@ def test_one_wrong_fix_is_soon_outnumbered_and_other_methods_have_none_of_it() -
 class Hovering:
     """A vehicle that hovers beside a GNSS with noise, and fixes that err by 1 m and claim what is said."""
 
-    def __init__(self, claim_m: float, seed: int) -> None:
+    def __init__(self, claim_m: float, seed: int, *, found_in_flight: bool = False) -> None:
         self.tracker, self.monitor = Tracker(CoreSettings().navigator), GnssMonitor(CoreSettings().gnss)
+        self.monitor.on_vehicle(found_in_flight, AutopilotKind.ARDUPILOT)
         self.aiding = GnssAiding(CoreSettings(), self.tracker, self.monitor)
         self.tracker.set_origin(ORIGIN)
         self.rng, self.claim_m, self.t_ns = np.random.default_rng(seed), claim_m, 0
@@ -99,9 +100,11 @@ class Hovering:
             self.aiding.compare(fix, held)
 
 
+@pytest.mark.parametrize("found_in_flight", [False, True])
 @pytest.mark.parametrize("claim_m", [0.2, 0.4, 1.0])
-def test_a_good_gnss_stays_trusted_beside_fixes_that_claim_too_little(claim_m: float) -> None:
-    assert [Hovering(claim_m, seed).fly(30.0) for seed in range(12)] == [None] * 12
+def test_a_good_gnss_stays_trusted_beside_fixes_that_claim_too_little(claim_m: float, found_in_flight: bool) -> None:
+    flights = [Hovering(claim_m, seed, found_in_flight=found_in_flight) for seed in range(12)]
+    assert [flight.fly(30.0) for flight in flights] == [None] * 12
 
 
 @pytest.mark.parametrize("claim_m", [0.2, 1.0])

@@ -55,6 +55,15 @@ def test_a_ramp_and_a_step_are_found_whatever_the_direction() -> None:
             assert 120 < found[0] <= 120 + latest
 
 
+def test_a_ramp_may_weigh_less_at_the_first_difference_than_a_step() -> None:
+    same, less = ShiftTest(MODEL, 4000.0), ShiftTest(MODEL, 4000.0, 1000.0)
+    quiet, ramp = series(np.random.default_rng(7), 12), 1.5 * np.arange(12)
+    assert 1.0 < run(same, quiet)[0] - run(less, quiet)[0] < math.log(4.0)
+    for each, weight_s in ((ShiftTest(MODEL, 100.0), 100.0), (ShiftTest(MODEL, 100.0, 20.0), 60.0)):
+        assert each.update(0.0, 0.0, 1e9, 1e9).log_r == pytest.approx(math.log(weight_s), abs=0.01)
+    assert run(ShiftTest(MODEL, 100.0, 20.0), ramp)[-1] > 10
+
+
 def test_one_wild_value_never_decides_and_is_forgotten() -> None:
     test = ShiftTest(MODEL)
     values = series(np.random.default_rng(4), 100)
