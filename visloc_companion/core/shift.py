@@ -31,6 +31,7 @@ ComplexArray = NDArray[np.complex128]
 FINE_S, MEDIUM_S, LONG_S = 32, 128, 512
 """Starts are kept one by one while younger than FINE_S, then every 4th until MEDIUM_S, then every 16th until LONG_S."""
 MEDIUM_EVERY, COARSE_EVERY = 4, 16
+"""Of starts about a second apart."""
 FIRST_WEIGHT_S = 1e-3
 TINY = 1e-12
 MIN_LOG_R_OF_SHIFT = 5.0
@@ -183,6 +184,8 @@ class ShiftTest:
         )
         if not keep.all():
             self._starts, self._sums = self._starts[:, keep], self._sums[:, keep]
+        every = next((n for n in (COARSE_EVERY, MEDIUM_EVERY) if dt_s >= n), 1)
+        self._n += -self._n % every  # where differences are rare, a start stands for as long as one that is kept of many
         usual_s = max(dt_s, FIRST_WEIGHT_S)
         step_s, ramp_s = self._first_weights_s if self._n == 0 else (usual_s, usual_s)
         none = np.zeros((len(self._is_step), 1, STATES + 2), dtype=complex)

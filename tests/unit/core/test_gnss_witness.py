@@ -71,6 +71,20 @@ def test_nor_does_one_that_is_come_back_to(world: type[World], off_m: float) -> 
     assert trusted(w)
 
 
+@pytest.mark.parametrize("rate_mps", [1.0, 3.0])
+def test_a_drag_beside_a_copter_that_sees_once_in_a_while_is_found_by_the_second_look_that_shows_it(
+    world: type[World], rate_mps: float
+) -> None:
+    """It took four looks, 140 s: what spoke against GNSS was forgotten with the next one."""
+    pull_m, seldom = (lambda t: (0.0, rate_mps * max(0.0, t - 100.0))), (lambda t: t % 40.0 > 0.6)
+    w = world(speed_mps=0.0, pull_m=pull_m, blind=seldom)
+    w.start()
+    w.fly(159.0)
+    assert trusted(w)
+    w.fly(162.0)
+    assert w.notices("GNSS not trusted, camera says elsewhere")
+
+
 @pytest.mark.parametrize(("speed_mps", "within_s"), [(0.0, 4.0), (2.0, 4.0), (10.0, 4.0)])
 def test_a_gnss_that_jumps_beside_fixes_that_go_on_is_found_at_once(
     world: type[World], speed_mps: float, within_s: float

@@ -64,6 +64,17 @@ def test_a_ramp_may_weigh_less_at_the_first_difference_than_a_step() -> None:
     assert run(ShiftTest(MODEL, 100.0, 20.0), ramp)[-1] > 10
 
 
+@pytest.mark.parametrize("every_s", [5, 10, 20, 40, 100])
+def test_what_begins_while_differences_are_rare_stands_for_as_long_as_among_many(every_s: int) -> None:
+    """Of starts 40 s apart three in four were forgotten by the next one, and with them what spoke for a shift."""
+    for quiet in range(1, 9):
+        test = ShiftTest(MODEL)
+        shifted = (np.arange(quiet + 4) >= quiet) * 60.0
+        logs = [test.update(float(every_s * k), value, WHITE, QUICK).log_r for k, value in enumerate(shifted)]
+        assert logs[quiet + 1] > max(logs[quiet] + 3.0, 10.0)
+        assert logs[quiet + 3] > logs[quiet + 2] > logs[quiet + 1]
+
+
 def test_one_wild_value_never_decides_and_is_forgotten() -> None:
     test = ShiftTest(MODEL)
     values = series(np.random.default_rng(4), 100)
