@@ -23,7 +23,6 @@ from benchmarks import terrain_flight as facts
 from benchmarks.terrain_flight import DriftModel
 from visloc_companion.types import FloatArray
 
-EARTH_M = 6.37e6
 START_SIGMA_MPS, START_SIGMA_MPS2 = 0.1, 1e-6
 
 
@@ -73,7 +72,7 @@ class Inertial:
         A[:2, 2:4] = A[2:4, 4:6] = np.eye(2)
         A[4:6, 6:8] = (turned(course_rad[-1]) - turned(course_rad[0])) / dt_s
         A[4:6, 8:10] = np.mean([turned(c) for c in course_rad], axis=0)
-        A[4:6, 2:4] = -facts.GRAVITY / EARTH_M * np.eye(2)
+        A[4:6, 2:4] = -facts.GRAVITY / facts.EARTH_M * np.eye(2)
         walk = facts.GRAVITY * facts.ANGLE_WALK
         return discrete(A, np.array([0, 0, *[facts.VELOCITY_WALK**2] * 2, *[walk**2] * 2, 0, 0, 0, 0]), dt_s)
 
@@ -87,7 +86,7 @@ class Inertial:
 
     def jerk(self, course_rad: float) -> FloatArray:
         """Of its rate."""
-        schuler = -facts.GRAVITY / EARTH_M * np.eye(2)
+        schuler = -facts.GRAVITY / facts.EARTH_M * np.eye(2)
         return np.hstack([np.zeros((2, 2)), schuler, np.zeros((2, 4)), turned(course_rad)])
 
     def bend_m(self, span_s: float) -> float:

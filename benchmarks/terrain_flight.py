@@ -4,7 +4,9 @@ Track: legs of the world's length joined by turns, 50 m/s, about 300 m above the
 
 * `tactical`: two-axis inertial errors with the figures that Honeywell states for its HG1700 (accelerometer bias 1 mg, velocity
   random walk 0.065 ft/s/sqrt(h), gyroscope bias 1 deg/h, angular random walk 0.125 deg/sqrt(h)), levelled at the start, so that a
-  turn sets the accelerometers' bias free; heading error 0.05 deg + 1 deg/h, roll and pitch 0.03 deg.
+  turn sets the accelerometers' bias free; heading error 0.05 deg + 1 deg/h, roll and pitch 0.03 deg. Its third accelerometer,
+  with the same figures, reckons the height between the barometer's; a bank brings in the one to the right. It feels gravity's
+  anomalies, too: 42 mGal (root of Tscherning and Rapp's global 1795 mGal², 1974), alike over 20 km (first-order Gauss-Markov).
 * `mems`: odometry with a MEMS attitude: scale error 1 % (visual odometry's drift is of that order), heading error 1 deg,
   noise 0.2 m/s over 10 s; roll and pitch 0.2 deg.
 
@@ -50,6 +52,9 @@ DRIFTS = {
 }
 SCALE, SCALE_S, HEADING_S, ODOMETRY_MPS, ODOMETRY_S = 0.01, 300.0, 600.0, 0.2, 10.0
 ACCELEROMETER, VELOCITY_WALK = 9.81e-3, 3.3e-4
+TILT_S = 60.0
+EARTH_M = 6.37e6
+ANOMALY, ANOMALY_M = 4.2e-4, 20_000.0
 GYROSCOPE, ANGLE_WALK = math.radians(1.0) / 3600, math.radians(0.125) / 60
 BARO_M, BARO_S, BARO_NOISE_M = 10.0, 3600.0, 0.3
 
@@ -57,7 +62,8 @@ BARO_M, BARO_S, BARO_NOISE_M = 10.0, 3600.0, 0.3
 @dataclass(frozen=True, eq=False)
 class Flight:
     """At every STEP_S: true place (T, 2) and height (T,), course (T,), and the dead reckoning's velocity error (T, 2), heading
-    error (T,), tilt error (T, 2) and indicated height (T,)."""
+    error (T,), tilt error (T, 2), indicated height (T,) by the barometer, and the height by which it reckons (T,): of an inertial
+    unit by its vertical accelerometer alone, which drifts without bound, else the indicated one."""
 
     drift: DriftModel
     p_ne_m: FloatArray
@@ -67,6 +73,7 @@ class Flight:
     heading_error_rad: FloatArray
     tilt_error_rad: FloatArray
     h_indicated_m: FloatArray
+    h_reckoned_m: FloatArray
 
 
 def make_flight(world: World, drift: DriftModel, seed: int) -> Flight:
@@ -79,14 +86,28 @@ def make_flight(world: World, drift: DriftModel, seed: int) -> Flight:
     height = np.maximum(height, _low_passed(ground + 120.0, 20.0))
     n = len(p)
     if drift.inertial:
-        velocity_error = _inertial(rng, course)
+        bias = rng.normal(0, ACCELEROMETER, 2)
+        velocity_error = _inertial(rng, course, bias)
         heading_error = rng.normal(0, drift.heading_rad) + rng.normal(0, GYROSCOPE) * STEP_S * np.arange(n)
     else:
         heading_error = _gauss_markov(rng, n, drift.heading_rad, HEADING_S)
         velocity_error = _odometry(rng, course, heading_error)
-    tilt = np.column_stack([_gauss_markov(rng, n, drift.tilt_rad, 60.0) for _ in range(2)])
-    baro = _gauss_markov(rng, n, BARO_M, BARO_S) + rng.normal(0, BARO_NOISE_M, n)
-    return Flight(drift, p, height, course, velocity_error, heading_error, tilt, height + baro)
+    tilt = np.column_stack([_gauss_markov(rng, n, drift.tilt_rad, TILT_S) for _ in range(2)])
+    slow = _gauss_markov(rng, n, BARO_M, BARO_S)
+    indicated = height + slow + rng.normal(0, BARO_NOISE_M, n)
+    reckoned = indicated
+    if drift.inertial:
+        of_height = _vertical(np.random.default_rng([seed, 5]), course, float(bias[1]), tilt, slow)
+        reckoned = height + of_height + indicated[0] - height[0]
+    return Flight(drift, p, height, course, velocity_error, heading_error, tilt, indicated, reckoned)
+
+
+def felt(course_rad: FloatArray) -> FloatArray:
+    """(T, 4): by how much the accelerometers' bias down and to the right and a tilt to the north and to the east (rad) are felt
+    upwards, m/s², along courses (T,) that are flown STEP_S apart in coordinated turns."""
+    aside = SPEED_MPS * np.gradient(course_rad, STEP_S)
+    bank = np.arctan2(aside, GRAVITY)
+    return np.column_stack([np.cos(bank), np.sin(bank), -np.sin(course_rad) * aside, np.cos(course_rad) * aside])
 
 
 def scan(
@@ -143,10 +164,23 @@ def _track(size_m: tuple[float, float]) -> FloatArray:
     return np.column_stack([_low_passed(track[:, k], 3.0) for k in (0, 1)])
 
 
-def _inertial(rng: np.random.Generator, course: FloatArray) -> FloatArray:
-    """Velocity error (T, 2): accelerometer bias that turns with the vehicle, tilt from the gyroscopes, levelled at the start."""
+def _vertical(
+    rng: np.random.Generator, course: FloatArray, bias_right: float, tilt: FloatArray, baro_error: FloatArray
+) -> FloatArray:
+    """(T,) error of a height that is integrated from the accelerometers, gravity reckoned for the barometer's height."""
     n = len(course)
-    bias, gyro = rng.normal(0, ACCELEROMETER, 2), rng.normal(0, GYROSCOPE, 2)
+    sensors = np.column_stack([np.full(n, rng.normal(0, ACCELEROMETER)), np.full(n, bias_right), tilt])
+    anomaly = _gauss_markov(rng, n, ANOMALY, ANOMALY_M / SPEED_MPS)
+    acceleration = (felt(course) * sensors).sum(1) + anomaly + 2 * GRAVITY / EARTH_M * baro_error
+    climb = np.cumsum(acceleration * STEP_S + rng.normal(0, VELOCITY_WALK * math.sqrt(STEP_S), n))
+    return np.cumsum(climb) * STEP_S
+
+
+def _inertial(rng: np.random.Generator, course: FloatArray, bias: FloatArray) -> FloatArray:
+    """Velocity error (T, 2): accelerometer bias (forward, right) that turns with the vehicle, tilt from the gyroscopes, levelled
+    at the start."""
+    n = len(course)
+    gyro = rng.normal(0, GYROSCOPE, 2)
     c, s = np.cos(course), np.sin(course)
     of_bias = np.column_stack([c * bias[0] - s * bias[1], s * bias[0] + c * bias[1]])
     of_gyro = np.column_stack([c * gyro[0] - s * gyro[1], s * gyro[0] + c * gyro[1]])
@@ -156,7 +190,7 @@ def _inertial(rng: np.random.Generator, course: FloatArray) -> FloatArray:
     noise = rng.normal(0, VELOCITY_WALK * math.sqrt(STEP_S), (n, 2))
     for k in range(n):
         v = v + (of_bias[k] + GRAVITY * tilt) * STEP_S + noise[k]
-        tilt = tilt + (of_gyro[k] - v / 6.37e6) * STEP_S + walk[k]
+        tilt = tilt + (of_gyro[k] - v / EARTH_M) * STEP_S + walk[k]
         errors[k] = v
     return errors
 

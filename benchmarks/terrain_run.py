@@ -7,9 +7,10 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks import terrain_flight as facts
-from benchmarks.terrain_filter import WALK_M2PS, ErrorFilter
+from benchmarks.terrain_filter import ErrorFilter
 from benchmarks.terrain_flight import SCAN_S, SPEED_MPS, STEP_S, Flight, beam, scan
 from benchmarks.terrain_world import World
 from visloc_companion.errors import Reason
@@ -121,11 +122,12 @@ class Run:
         heading = math.hypot(drift.heading_rad, facts.GYROSCOPE * step * STEP_S if drift.inertial else 0.0)
         cov = ((float(P[0, 0]), float(P[0, 1])), (float(P[0, 1]), float(P[1, 1])))
         sigma_v, sigma_a, wander = self.drift_sigmas(stretch)
-        h = float(self.flight.h_indicated_m[step] - x[-1])
-        sigma_h = math.hypot(math.sqrt(float(P[-1, -1])), facts.BARO_NOISE_M)
+        off_h, of_h_m2 = self.filter.height()
+        h = float(self.flight.h_reckoned_m[step] - off_h)
+        sigma_h = math.hypot(math.sqrt(of_h_m2), self.filter.vertical.noise_m())
         return TerrainPrior(
             *((float(place[0]), float(place[1])), cov, h, sigma_h, heading, drift.tilt_rad, sigma_v, sigma_a, wander),
-            math.sqrt(WALK_M2PS),
+            self.filter.height_walk(float(stretch.age_s.max())),
         )
 
     def drift_sigmas(self, stretch: Soundings) -> tuple[float, float, float]:
@@ -156,11 +158,17 @@ class Run:
         v, a, j = self.filter.motion()[0].reshape(3, 1, 2)
         back = age[:, None]
         moved = self.dead_reckoned[steps] - self.dead_reckoned[end] + back * v - back**2 / 2 * a + back**3 / 6 * j
-        climbed = self.flight.h_indicated_m[steps] - self.flight.h_indicated_m[end]
+        climbed = self._reckoned(steps, end) - self.flight.h_reckoned_m[end]
         placed = points + np.column_stack([moved, climbed])
-        return Soundings(
-            end * round(STEP_S * 1e9), placed, age, math.hypot(self.range_sigma_m, facts.BARO_NOISE_M), self.kind, points
-        )
+        return Soundings(end * round(STEP_S * 1e9), placed, age, self._sigma_m(), self.kind, points)
+
+    def _sigma_m(self) -> float:
+        """Of a sounding's height."""
+        return math.hypot(self.range_sigma_m, self.filter.vertical.noise_m())
+
+    def _reckoned(self, steps: NDArray[np.int64], now: int) -> FloatArray:
+        """The reckoned height at steps, as if its error had been what it is at the step where the filter stands."""
+        return self.flight.h_reckoned_m[steps] - self.filter.height_since((now - steps) * STEP_S)
 
     def _measured(self, first: int, end: int) -> tuple[FloatArray, FloatArray]:
         if self.kind is Kind.PATCH:
@@ -170,8 +178,8 @@ class Run:
             if not len(points):
                 return points, steps
             north_east = points[:, :2] + self.dead_reckoned[steps]
-            placed = np.column_stack([north_east, points[:, 2] + self.flight.h_indicated_m[steps]])
-            low = low_in_cells(placed, THIN_M, math.hypot(self.range_sigma_m, facts.BARO_NOISE_M))
+            placed = np.column_stack([north_east, points[:, 2] + self._reckoned(steps, first)])
+            low = low_in_cells(placed, THIN_M, self._sigma_m())
             return points[low], steps[low]
         return beam(self.world, self.flight, np.arange(first, end), self.rng, self.range_sigma_m)
 
@@ -182,7 +190,9 @@ class Run:
         return expected_sigma_m(stretch, self.prior(at, stretch), self.elevation, settings) <= enough
 
     def _carry(self, first: int, end: int) -> None:
-        self.filter.carry((end - first) * STEP_S, self.flight.course_rad[first + 1 : end + 1])
+        flown = slice(first + 1, end + 1)
+        above = self.flight.h_reckoned_m[flown] - self.flight.h_indicated_m[flown]
+        self.filter.carry(self.flight.course_rad[flown], above)
 
     def _match(
         self, outcome: Outcome, stretch: Soundings | None, at: int, length: float, settings: TerrainSettings
@@ -196,28 +206,33 @@ class Run:
         answer = locate(stretch, prior, self.elevation, settings)
         took = 1e3 * (time.process_time() - start)
         error, error_h, then_h = np.full(2, np.nan), math.nan, math.nan
-        self.filter.then = float(self.filter.x[-1]), float(self.filter.P[-1, -1])
-        off_then = self._indicated_off(at - round(float(stretch.age_s.mean()) / STEP_S))
+        middle_s = float(stretch.age_s.mean())
+        self.filter.recall(middle_s)
+        off_then = self._reckoned_off(at - middle_s / STEP_S)
         if isinstance(answer, TerrainFix):
             error = np.array(answer.p_ne_m) - flight.p_ne_m[at]
             error_h = answer.h_amsl_m - float(flight.h_amsl_m[at])
-            off_then = self._indicated_off(at - round(answer.height_age_s / STEP_S))
-            then_h = off_then - float(flight.h_indicated_m[at]) + answer.h_amsl_m
+            off_then = self._reckoned_off(at - answer.height_age_s / STEP_S)
+            drifted = float(self.filter.height_since(np.array([answer.height_age_s]))[0])
+            then_h = off_then - drifted - float(flight.h_reckoned_m[at]) + answer.h_amsl_m
             own = self._own_covariance(answer)
-            got = self.filter.observe(answer, self.dead_reckoned[at], float(flight.h_indicated_m[at]), own)
+            got = self.filter.observe(answer, self.dead_reckoned[at], float(flight.h_reckoned_m[at]), own)
             outcome.gated += isinstance(got, Rejected)
         elif answer.reason is Reason.INCONSISTENT_WITH_PRIOR:
             self.filter.doubt()
         judged = Judged(answer, error, error_h, then_h, region, length, took)
         now = self.dead_reckoned[at] - self.filter.x[:2] - flight.p_ne_m[at]
-        high = flight.h_indicated_m[at] - self.filter.x[-1] - flight.h_amsl_m[at]
+        high = flight.h_reckoned_m[at] - self.filter.height()[0] - flight.h_amsl_m[at]
         outcome.filter_error.append(np.array([*now, high, off_then - self.filter.then[0]]))
         common_m2 = self.elevation.sigma_ne_m**2  # which no number of fixes averages away
-        more_m2 = np.array([common_m2, common_m2, facts.BARO_NOISE_M**2, facts.BARO_NOISE_M**2 / AVERAGED])
-        outcome.filter_sigma.append(np.sqrt(np.append(np.diag(self.filter.P)[[0, 1, -1]], self.filter.then[1]) + more_m2))
+        noise_m2 = self.filter.vertical.noise_m() ** 2
+        more_m2 = np.array([common_m2, common_m2, noise_m2, noise_m2 / AVERAGED])
+        known_m2 = np.array([self.filter.P[0, 0], self.filter.P[1, 1], self.filter.height()[1], self.filter.then[1]])
+        outcome.filter_sigma.append(np.sqrt(known_m2 + more_m2))
         return judged
 
-    def _indicated_off(self, step: int) -> float:
-        """By how much the indicated height, averaged over two seconds about a step, is too high."""
-        about = slice(max(step - AVERAGED // 2, 0), step + AVERAGED // 2 + 1)
-        return float(np.mean(self.flight.h_indicated_m[about] - self.flight.h_amsl_m[about]))
+    def _reckoned_off(self, step: float) -> float:
+        """By how much the reckoned height, averaged over two seconds about a step or a part of it, is too high."""
+        about = np.clip(step + np.arange(AVERAGED) - AVERAGED // 2, 0, len(self.flight.h_amsl_m) - 1)
+        some = np.arange(math.floor(about[0]), math.ceil(about[-1]) + 1)
+        return float(np.mean(np.interp(about, some, self.flight.h_reckoned_m[some] - self.flight.h_amsl_m[some])))
