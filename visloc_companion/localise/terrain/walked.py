@@ -20,13 +20,13 @@ class Walked(NamedTuple):
 
 def walked(weight: FloatArray, age_s: FloatArray) -> Walked:
     """Of (N,) weights and ages, seconds: integrals over time of the squared share of the soundings on the far side of it. Where
-    none has any weight, all have the same. Where some weigh against the others, their mean may be of a time to come: then it is
-    of now, the last that they tell."""
+    none has any weight, all have the same. Where some weigh against the others, their mean may be of a time to come, or of one
+    before the first of them: then it is of now, or of the first, the last and the first that they tell."""
     total = float(weight.sum())
     shares = weight / total if abs(total) > 0 else np.full(len(weight), 1 / len(weight))
     order = np.argsort(age_s)
     share, age = shares[order], age_s[order]
-    mean = max(float(share @ age), 0.0)
+    mean = min(max(float(share @ age), 0.0), float(age[-1]))
     edges = np.concatenate([[0.0], age])
     older = 1 - np.concatenate([[0.0], np.cumsum(share)])[:-1]  # between each age and the one before, by what lies beyond
     spans = np.diff(edges)

@@ -34,3 +34,8 @@ def test_it_is_the_variance_of_walks_drawn() -> None:
 def test_soundings_that_weigh_against_each_other_tell_no_height_of_a_time_to_come() -> None:
     got = walked(np.array([3.0, -2.0]), np.array([1.0, 4.0]))
     assert (got.age_s, got.then_m2) == pytest.approx((0.0, got.now_m2))
+
+
+def test_soundings_that_weigh_against_each_other_tell_no_height_of_before_the_first_of_them() -> None:
+    got = walked(np.array([-2.0, 3.0]), np.array([1.0, 4.0]))
+    assert got.age_s == 4.0
