@@ -73,7 +73,8 @@ def locate(
         place, spread = of_neighbours(fitting, place)
         about += spread
     claimed = place.covariance[:2, :2] + about
-    evidence = _evidence(fitting, place, claimed, 1 - float(weights[best]))
+    elsewhere = np.array([_apart_m(one, found[best]) > _near_m(fitting) for one in found])
+    evidence = _evidence(fitting, place, claimed, float(weights[elsewhere].sum()))
     return _judged(soundings.t_ns, prior, place, claimed, evidence, settings)
 
 
@@ -162,14 +163,37 @@ def _starts(volume: Volume, terrain: Terrain, prior: TerrainPrior, hypotheses: l
 
 
 def _refined(fitting: Fitting, starts: list[FloatArray], prior: TerrainPrior) -> tuple[list[Refined], FloatArray]:
-    """The refined places, each once, and their posterior probabilities under the prior."""
+    """The refined places and heights, each once, and their posterior probabilities under the prior.
+
+    Where crowns hide nearly all of the ground, they fit as a rough ground: a place whose height is off the prior's is refined
+    from that height, too.
+    """
     found: list[Refined] = []
     for start in starts:
         one = fine.refine(fitting, start)
-        near = SAME_CELLS * fitting.terrain.cell_m
-        if all(np.hypot(*(one.unknowns[:2] - other.unknowns[:2])) > near for other in found):
-            found.append(one)
+        _add(found, one, fitting)
+        if abs(one.unknowns[2]) > max(prior.sigma_h_m, fitting.noise.sigma_m):
+            at_prior = one.unknowns.copy()
+            at_prior[2] = 0.0
+            _add(found, fine.refine(fitting, at_prior), fitting)
     return found, weights_of(found, prior)
+
+
+def _add(found: list[Refined], one: Refined, fitting: Fitting) -> None:
+    def differs(other: Refined) -> bool:
+        return _apart_m(one, other) > _near_m(fitting) or abs(one.unknowns[2] - other.unknowns[2]) > fitting.noise.sigma_m
+
+    if all(differs(other) for other in found):
+        found.append(one)
+
+
+def _apart_m(one: Refined, other: Refined) -> float:
+    return float(np.hypot(*(one.unknowns[:2] - other.unknowns[:2])))
+
+
+def _near_m(fitting: Fitting) -> float:
+    """Within which two places are one."""
+    return SAME_CELLS * fitting.terrain.cell_m
 
 
 def _evidence(fitting: Fitting, best: Refined, cov: FloatArray, others: float) -> Evidence:

@@ -44,6 +44,21 @@ class Parts(NamedTuple):
     ground: FloatArray
 
 
+class Stated(NamedTuple):
+    """What is stated of the sigma beforehand, which counts as so many soundings of the ground with it."""
+
+    sigma_m: float
+    soundings: float
+
+    def log_prior(self, sigma_m: float) -> float:
+        """Of another sigma, over that of the stated one (inverse gamma)."""
+        squared = (self.sigma_m / sigma_m) ** 2
+        return 0.5 * self.soundings * (math.log(squared) + 1 - squared)
+
+
+NOTHING = Stated(1.0, 0.0)
+
+
 def parts(noise: HeightNoise, difference_m: FloatArray) -> Parts:
     """From a table of the density (linear between entries, constant beyond the table)."""
     at, log_density, score, ground = _table(noise)
@@ -65,14 +80,17 @@ def told(noise: HeightNoise) -> float:
     return float(density @ np.square(score)) * noise.sigma_m**2 / float(density @ ground)
 
 
-def refitted(noise: HeightNoise, difference_m: FloatArray, bounds_m: tuple[float, float], rounds: int = 3) -> HeightNoise:
+def refitted(
+    noise: HeightNoise, difference_m: FloatArray, bounds_m: tuple[float, float], rounds: int = 3, stated: Stated = NOTHING
+) -> HeightNoise:
     """Sigma (within bounds) and share of what stands on the ground by expectation maximisation."""
     for _ in range(rounds):
         ground, standing = _memberships(noise, difference_m)
         n_ground, n_standing = float(ground.sum()), float(standing.sum())
         if n_ground + n_standing < 5:
             return noise
-        sigma = math.sqrt(float(ground @ np.square(difference_m)) / max(n_ground, 1.0))
+        squared_m2 = float(ground @ np.square(difference_m)) + stated.soundings * stated.sigma_m**2
+        sigma = math.sqrt(squared_m2 / max(n_ground + stated.soundings, 1.0))
         share = (1 - noise.outliers) * n_standing / (n_ground + n_standing)
         noise = replace(
             noise,

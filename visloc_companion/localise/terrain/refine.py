@@ -24,7 +24,7 @@ from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 from visloc_companion.localise.terrain.base import Soundings, TerrainPrior
 from visloc_companion.localise.terrain.correlation import correlated_outer
 from visloc_companion.localise.terrain.elevation import Terrain
-from visloc_companion.localise.terrain.noise import HeightNoise, Parts, parts, refitted, told
+from visloc_companion.localise.terrain.noise import HeightNoise, Parts, Stated, parts, refitted, told
 from visloc_companion.localise.terrain.walked import Walked, walked
 from visloc_companion.types import FloatArray
 
@@ -37,6 +37,8 @@ LEAST_GROUND = 0.05
 """Weight that a sounding keeps in the Hessian."""
 SIGMA_BOUNDS = (0.5, 2.5)
 """Of the refitted sigma, as a multiple of the expected one."""
+STATED = 6.0
+"""So many independent soundings the stated sigma counts as: itself it is known to 30 % (1 / sqrt(2 x 6))."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +91,10 @@ def refine(fitting: Fitting, start: FloatArray) -> Refined:
         difference, J, known = _linearised(fitting, unknowns)
         if turn in (2, 5, 9):
             noise = refitted(
-                noise, difference[known], (SIGMA_BOUNDS[0] * fitting.noise.sigma_m, SIGMA_BOUNDS[1] * fitting.noise.sigma_m)
+                noise,
+                difference[known],
+                (SIGMA_BOUNDS[0] * fitting.noise.sigma_m, SIGMA_BOUNDS[1] * fitting.noise.sigma_m),
+                stated=Stated(fitting.noise.sigma_m, STATED / fitting.temper),
             )
         p = parts(noise, difference)
         gradient = -fitting.temper * J.T @ (p.score * known) - weight @ unknowns
@@ -126,12 +131,13 @@ def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: 
     covariance, inverse = _claimed(fitting, true, share * spread + own, weight)
     covariance[2, 2] += STANDS * max(0.0, noise.sigma_m**2 - fitting.noise.sigma_m**2)
     density = fitting.temper * float(p.log_density[known].sum())
+    of_sigma = Stated(fitting.noise.sigma_m, STATED).log_prior(noise.sigma_m)
     level = fitting.temper * _level_log_density(fitting, known)
     return Refined(
         unknowns,
         (covariance + covariance.T) / 2,
         noise,
-        density - 0.5 * float(unknowns[3:] @ weight[3:, 3:] @ unknowns[3:]),
+        density - 0.5 * float(unknowns[3:] @ weight[3:, 3:] @ unknowns[3:]) + of_sigma,
         density - level,
         float(p.ground[known].mean()) if known.any() else 0.0,
         float(known.mean()),

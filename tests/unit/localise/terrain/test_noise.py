@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visloc_companion.localise.terrain.noise import RANGE_M, HeightNoise, expected_log_density, parts, refitted, told
+from visloc_companion.localise.terrain.noise import RANGE_M, HeightNoise, Stated, expected_log_density, parts, refitted, told
 
 NOISE = HeightNoise(1.5)
 AT = np.arange(-60, 100, 0.05)
@@ -62,3 +62,19 @@ def test_what_a_mixture_tells_is_by_how_much_a_level_scatters_that_is_fitted_to_
     assert 1 / (float(np.var(likeliest)) * ground * n) == pytest.approx(told(noise), rel=0.15)
     assert told(noise) < 0.9
     assert told(HeightNoise(1.0, standing=0.0, outliers=0.0)) == pytest.approx(1.0, abs=0.01)
+
+
+def test_few_soundings_are_held_to_the_sigma_that_is_stated_and_many_are_not() -> None:
+    """The likeliest sigma under the statement, of soundings that differ by 4 m where 1.5 m are stated."""
+    stated, start = Stated(1.5, 6.0), HeightNoise(1.5, standing=0.0, outliers=1e-9)
+    sigmas = np.linspace(1.0, 5.0, 4001)
+    found = {}
+    for n in (12, 1200):
+        d = -4.0 * np.abs(np.random.default_rng(4).normal(0, 1, n))  # below: nothing that stands there
+        of_data = -n * np.log(sigmas) - np.square(d).sum() / 2 / sigmas**2
+        likeliest = sigmas[np.argmax(of_data + np.array([stated.log_prior(s) for s in sigmas]))]
+        found[n] = refitted(start, d, (0.5, 5.0), 40, stated).sigma_m
+        assert found[n] == pytest.approx(likeliest, rel=0.03)
+        assert refitted(start, d, (0.5, 5.0), 40).sigma_m == pytest.approx(sigmas[np.argmax(of_data)], rel=0.03)
+    assert found[12] < 3.4 < 3.8 < found[1200]
+    assert stated.log_prior(1.5) == 0.0 > stated.log_prior(3.0)
