@@ -1,7 +1,8 @@
 """The navigator in the dark over hills: `python -m benchmarks.terrain_loop [--seconds S] [--seeds N] [--vehicles plane]`.
 
 A vehicle with a rangefinder flies over a map that is a formula (testing/hills.py). GNSS is jammed at 15 s; the localiser knows
-the place until 10 s and nothing afterwards. Each flight is flown with terrain and without: how far off is the stated position?
+the place until 10 s and nothing afterwards. Each flight is flown with terrain and without: how far off is the stated position, in
+its own sigmas, and how often beyond its protection level?
 """
 
 from __future__ import annotations
@@ -45,12 +46,16 @@ HOME = GeoPoint(47.4, 8.55, 480.0)
 MISSION = ((-3500.0, -1500.0, -300.0), (3500.0, -1500.0, -300.0), (3500.0, 1500.0, -300.0), (-3500.0, 1500.0, -300.0))
 DUSK_S, JAM_S = 10.0, 15.0
 HILLS_M, REACH_M, LOST_SIGMA_M = 80.0, 600.0, 150.0
+MODEL_SEED = 1000
 SPEED_MPS: dict[str, float] = {"copter": 18.0, "plane": 28.0}
 Vehicle = Literal["copter", "plane"]
 
 
 MODEL = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
-HEADER = "| vehicle | seed | terrain | fixes, error m 50/max | stated position off, m 50/95/max | failsafe |"
+HEADER = (
+    "| vehicle | seed | terrain | fixes, error m 50/max | stated position off, m 50/95/max | off over sigma, rms/max | "
+    "beyond its level | failsafe |"
+)
 
 
 @dataclass(slots=True)
@@ -80,27 +85,46 @@ def settings_for(terrain: bool) -> CoreSettings:
     return CoreSettings(navigator=navigator, injection=InjectionSettings(switch_source=True), terrain=terrain)
 
 
-def fly(vehicle: Vehicle, seconds: float, terrain: bool, seed: int = 1) -> FlightLog:
-    """One flight; hills, noise and drift are the seed's."""
-    hills = HillyMap(HOME, 6000.0, HILLS_M, seed=seed)
-    sensor = Rangefinder(lambda place: hills.height_amsl_m(*hills.to_map(place.lat_deg, place.lon_deg)), max_m=REACH_M)
+def fly(
+    vehicle: Vehicle, seconds: float, terrain: bool, seed: int = 1, hills_m: float = HILLS_M, model_error_m: float = 0.0
+) -> FlightLog:
+    """One flight over hills of a 1-sigma height, from which the map differs by another; they and the noise are the seed's."""
+    hills = HillyMap(HOME, 6000.0, hills_m, seed=seed)
+    error = HillyMap(HOME, 6000.0, model_error_m, seed=seed + MODEL_SEED)
+
+    def ground_amsl_m(place: GeoPoint) -> float:
+        at = hills.to_map(place.lat_deg, place.lon_deg)
+        return hills.height_amsl_m(*at) + error.height_amsl_m(*at) - HOME.h_amsl_m
+
+    sensor = Rangefinder(ground_amsl_m, max_m=REACH_M)
     wind = (2.0, -4.0, 0.0)
     pilot = BuiltInAutopilot(
         AutopilotKind.ARDUPILOT, vehicle, HOME, MISSION, SPEED_MPS[vehicle], seed, faults.jam(JAM_S), wind, rangefinder=sensor
     )
     dark = Darkness(pilot)
-    answer = configured_terrain(LocaliserConfig(terrain=True, terrain_sigma_m=1.0), hills)
+    answer = configured_terrain(LocaliserConfig(terrain=True, terrain_sigma_m=max(1.0, model_error_m)), hills)
     eyes = Eyes(dark, dark, hills, 2.0, terrain=answer)  # type: ignore[arg-type]
     return ClosedLoopFlight(pilot, Navigator(settings_for(terrain)), MavlinkSession(SessionSettings()), eyes).run(seconds)
 
 
-def errors_m(log: FlightLog) -> FloatArray:
-    """(N,) how far the stated position is off, every 0.1 s after the jam."""
+def stated(log: FlightLog) -> list[tuple[Status, GeoPoint]]:
+    """What was stated every 0.1 s after the jam, each with the true place."""
     start_ns = log.truth[0].t_ns + round(JAM_S * 1e9)
     truth = {sample.t_ns // 50_000_000: sample.place for sample in log.truth if sample.t_ns > start_ns}
-    stated = [e.command for e in log.entries if isinstance(e.command, Status)]
-    pairs = [(s.place, truth[s.t_ns // 50_000_000]) for s in stated if s.t_ns // 50_000_000 in truth]
-    return np.array([distance_m(place, true) for place, true in pairs if place is not None])
+    every = [e.command for e in log.entries if isinstance(e.command, Status) and e.command.place is not None]
+    return [(status, truth[status.t_ns // 50_000_000]) for status in every if status.t_ns // 50_000_000 in truth]
+
+
+def errors_m(log: FlightLog) -> FloatArray:
+    """(N,) how far the stated position is off, every 0.1 s after the jam."""
+    return np.array([distance_m(status.place, true) for status, true in stated(log) if status.place is not None])
+
+
+def claimed(log: FlightLog) -> tuple[FloatArray, FloatArray]:
+    """(N,) these errors over the stated sigma, per axis, and (N,) the protection level beside them, infinite where none is."""
+    sigmas = [np.sqrt(np.trace(np.array(status.cov_ne_m2))) for status, _ in stated(log)]
+    levels = [np.inf if status.protection_level_m is None else status.protection_level_m for status, _ in stated(log)]
+    return errors_m(log) / np.array(sigmas), np.array(levels)
 
 
 def terrain_fixes(log: FlightLog) -> list[tuple[Fix, float]]:
@@ -116,17 +140,25 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--vehicles", nargs="*", choices=list(SPEED_MPS), default=list(SPEED_MPS))
+    parser.add_argument("--hills", type=float, default=HILLS_M, help="1-sigma of their height, m")
+    parser.add_argument("--model-error", type=float, default=0.0, help="1-sigma by which the map differs from the ground, m")
+    parser.add_argument("--only-with", action="store_true", help="no flights without terrain")
     args = parser.parse_args()
     print(f"{HEADER}\n|{'---|' * HEADER.count(' | ')}---|", flush=True)
     for vehicle in args.vehicles:
         for seed in range(1, 1 + args.seeds):
-            for terrain in (True, False):
-                log = fly(vehicle, args.seconds, terrain, seed)
+            for terrain in (True,) if args.only_with else (True, False):
+                log = fly(vehicle, args.seconds, terrain, seed, args.hills, args.model_error)
                 off = np.array([error for _, error in terrain_fixes(log)] or [np.nan])
-                stated = " / ".join(f"{v:.0f}" for v in np.percentile(errors_m(log), [50, 95, 100]))
+                off_m = errors_m(log)
+                over, levels_m = claimed(log)
+                quantiles = " / ".join(f"{v:.0f}" for v in np.percentile(off_m, [50, 95, 100]))
+                beyond = f"{np.count_nonzero(off_m > levels_m)} of {len(off_m)}"
+                ratio = f"{np.sqrt(np.mean(np.square(over))):.2f} / {over.max():.2f} | {beyond}"
                 fixes = f"{len(off)}: {np.median(off):.1f} / {off.max():.1f}" if terrain else "none"
                 yes = "with" if terrain else "without"
-                print(f"| {vehicle} | {seed} | {yes} | {fixes} | {stated} | {log.failsafe or 'none'} |", flush=True)
+                row = f"| {vehicle} | {seed} | {yes} | {fixes} | {quantiles} | {ratio} | {log.failsafe or 'none'} |"
+                print(row, flush=True)
 
 
 if __name__ == "__main__":
