@@ -29,6 +29,7 @@ from visloc_companion.localise.verify import (
     AGAIN_WEIGHTS,
     DEEP_WEIGHTS,
     GRADIENT_WEIGHTS,
+    QUARTER_WEIGHTS,
     Evidence,
     Weights,
     beside_others,
@@ -104,7 +105,7 @@ def judged_anew(result: CaseResult, method: str) -> CaseResult:
     if result.fix is None or method not in WEIGHTS:
         return result
     weights = AGAIN_WEIGHTS if result.evidence["looks"] > 1 else WEIGHTS[method]
-    alone = probability_wrong(Evidence.from_numbers(result.evidence), weights)
+    alone = probability_wrong(Evidence.from_numbers(result.evidence), weights, result.evidence.get("quarters"))
     p = beside_others(alone, result.evidence["share"] * result.evidence["votes"])
     return replace(result, fix=replace(result.fix, probability_wrong=p), evidence=result.evidence | {"p_wrong": p})
 
@@ -117,7 +118,8 @@ def _by_which(method: str, looks: Looks) -> str:
     """Part of the file's name: which looks decided and, where one of two was chosen, by which coefficients."""
     if looks is not Looks.BOTH:
         return f".{looks.value}"
-    return f".{hashlib.sha256(repr((DEEP_WEIGHTS, AGAIN_WEIGHTS)).encode()).hexdigest()[:8]}" if method == "deep" else ""
+    chose = repr((DEEP_WEIGHTS, AGAIN_WEIGHTS, QUARTER_WEIGHTS)).encode()
+    return f".{hashlib.sha256(chose).hexdigest()[:8]}" if method == "deep" else ""
 
 
 def named(of_case: Named, folder: Path) -> Named:

@@ -3,8 +3,9 @@
 Data: four families of places. NAIP rows above 400 with frames of water, cloud, other places and ground outside the map; the
 bi-temporal pairs, and NAIP frames looked for on them; the procedural landscape's seeds below 100 at 0.3 to 1 m a pixel. NAIP and
 the landscape also with a tilt that the prior does not know, the landscape with and without its surface model; and cameras that
-lean over its woods. `deep` is fitted twice: its first look at every frame, and its second, which is judged on what the first
-declines. What is fitted is what flies: the logistic function times the shares that other places and single blocks leave a match.
+lean over its woods. `deep` is fitted thrice: its first look at every frame, the quarters of those that it declines (by the
+coefficients of verify.py), and its second look, which is judged on what is still declined. What is fitted is what flies: the
+logistic function times the shares that other places and single blocks leave a match.
 
 Prints the logistic coefficients (localise/verify.py for the dense methods), how honest they are when fitted without a family and
 judged on it, and the ratio of errors to claimed sigmas. FOLDER keeps the evidence of every case; it outlives changes of
@@ -16,6 +17,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +31,14 @@ from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise import iclk, mutual_information
 from visloc_companion.localise.dense import LOOK_AGAIN_ABOVE
 from visloc_companion.localise.settings import Looks
-from visloc_companion.localise.verify import Evidence, fewer_places, probability_near
+from visloc_companion.localise.verify import (
+    DEEP_WEIGHTS,
+    Evidence,
+    fewer_places,
+    near_enough,
+    probability_of_place,
+    quarter_regressors,
+)
 
 LIMITS = (0.1, 0.05, 0.03, 0.01, 0.003)
 RIDGE, LEAST, SIGNS = 1.0, 0.2, (0, 1, 0, 1, 1, 0, -1, -1, 1, 0, 1, 1, 1)
@@ -37,6 +46,7 @@ RIDGE, LEAST, SIGNS = 1.0, 0.2, (0, 1, 0, 1, 1, 0, -1, -1, 1, 0, 1, 1, 1)
 against it, by at least so many nats for the scatter of each. Each family of `deep` judged by what is fitted without it,
 log-likelihoods are -549 at the first look and -266 at the second; -558 and -268 without signs, -546 and -255 with a ridge of 3,
 which accepts fewer."""
+QUARTER_SIGNS = (0, 1, 1)
 PRECISELY = {"maxiter": 2000, "ftol": 1e-12, "gtol": 1e-7}
 Array = NDArray[np.float64]
 Signs = tuple[int, ...]
@@ -88,6 +98,10 @@ def main() -> None:
     samples = collect(args.method, first)
     _fitted(samples, samples)
     if args.method == "deep":
+        print("\nThe first look at what it declines, its quarters asked")
+        asked = collect_asked(first)
+        if len(asked.x):
+            _fitted(asked, asked)
         print("\nThe second look, judged on what the first one declines")
         taken = {r.case_id for pairs in first.values() for r, _ in pairs if _convincing(r)}
         second = {name: [j for j in pairs if _another(j)] for name, pairs in judged_by(Looks.SECOND).items()}
@@ -139,7 +153,7 @@ def collect(method: str, judged: dict[str, list[Judged]]) -> Samples:
         place = next(f for f, names in FAMILIES.items() if name in names)
         for result, truth in pairs:
             error = case_error(result, truth)
-            if error is None or (error.wrong and not error.far and error.chi2 <= CHI2_95):
+            if not _is_sample(error):
                 continue
             x.append(regressors(method, result))
             evidence = Evidence.from_numbers(result.evidence) if method in WEIGHTS else None
@@ -154,10 +168,27 @@ def collect(method: str, judged: dict[str, list[Judged]]) -> Samples:
     return Samples(table, truths, near_enough, nats, np.array(family), signs, near)
 
 
+def collect_asked(judged: dict[str, list[Judged]]) -> Samples:
+    """What the fit of the quarters is on: the first looks of `deep` that asked them, by the coefficients of verify.py."""
+    asked = {name: [(r, t) for r, t in pairs if "quarters" in r.evidence] for name, pairs in judged.items()}
+    of_looks = collect("deep", asked)
+    x, sure = [], []
+    for result, truth in (pair for pairs in asked.values() for pair in pairs):
+        if _is_sample(case_error(result, truth)):
+            numbers, evidence = result.evidence, Evidence.from_numbers(result.evidence)
+            place = probability_of_place(evidence, DEEP_WEIGHTS)
+            x.append(quarter_regressors(place, numbers["quarters"]))
+            sure.append(_not_otherwise_wrong(evidence, numbers))
+    return replace(of_looks, x=np.array(x), sure=np.array(sure), fewer=np.zeros(len(x)), signs=QUARTER_SIGNS)
+
+
+def _is_sample(error: CaseError | None) -> TypeGuard[CaseError]:
+    return error is not None and not (error.wrong and not error.far and error.chi2 <= CHI2_95)
+
+
 def _not_otherwise_wrong(evidence: Evidence, numbers: dict[str, float]) -> float:
     """What the logistic function is multiplied by in flight (localise/looks.py)."""
-    near = probability_near(evidence.sigma_px, evidence.prior_px, evidence.position_sigmas)
-    return near * numbers["share"] * numbers["votes"]
+    return near_enough(evidence) * numbers["share"] * numbers["votes"]
 
 
 def regressors(method: str, result: CaseResult) -> tuple[float, ...]:

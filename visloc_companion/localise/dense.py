@@ -12,7 +12,7 @@ from visloc_companion.localise.claims import claimed_covariance
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import full_level
-from visloc_companion.localise.looks import Look, Why, convincing, looked, surer
+from visloc_companion.localise.looks import Look, Why, convincing, looked, surer, with_quarters
 from visloc_companion.localise.map_ends import map_at_sides
 from visloc_companion.localise.map_light import MapLight
 from visloc_companion.localise.matching import Found, Task, find_candidates, sharpened
@@ -103,7 +103,7 @@ class DenseLocaliser:
         if self._settings.looks is Looks.BOTH:
             return self._surest(task, found)
         second = None if self._settings.looks is Looks.FIRST else self._second(task, found)
-        return looked(task, found, self._fitted.right) if second is None else second
+        return self._asked(looked(task, found, self._fitted.right), found) if second is None else second
 
     def _surest(self, task: Task, found: Found) -> Look | Why:
         lit, right = None, self._fitted.right
@@ -116,10 +116,19 @@ class DenseLocaliser:
             pose = first.match.descended.pose
             first = replace(first, task=with_sun_seen(task, pose))
             lit = self._lit(first.task, found, pose)
+        first = self._asked(first, found)
         if convincing(first, right, LOOK_AGAIN_ABOVE):
             return lit if convincing(lit, right, LOOK_AGAIN_ABOVE) else first
         others = [look for look in (lit, self._second(task, found)) if look is not None]
         return reduce(partial(surer, limit=LOOK_AGAIN_ABOVE), others, first)
+
+    def _asked(self, first: Look | Why, found: Found) -> Look | Why:
+        """A first look, its quarters asked where it is declined; not under a tilt that is not known, where the place is right and
+        the answer far off more often than another place is taken for it."""
+        right = self._fitted.right
+        if self._fitted.again is None or not isinstance(first, Look) or convincing(first, right, LOOK_AGAIN_ABOVE):
+            return first
+        return with_quarters(first, found, right) if tilt_is_known(first.task.prior.sigma_tilt_rad) else first
 
     def _lit(self, task: Task, found: Found, pose: CameraPose) -> Look | Why | None:
         """A look at the map under the frame's sun, as it shows from a pose; None where it does not."""
@@ -141,6 +150,7 @@ class DenseLocaliser:
             "p_wrong": look.p,
             "share": look.share,
             "votes": look.votes,
+            **({} if look.quarters is None else {"quarters": look.quarters}),
             **_of_search(found, plan),
             "looks": 1.0 if task.fine_features is GRADIENT else 2.0,
             "lit": 0.0 if task.lit is None else 1.0,

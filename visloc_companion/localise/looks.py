@@ -20,10 +20,26 @@ from visloc_companion.localise.claims import claimed_covariance, horizontal_sigm
 from visloc_companion.localise.matching import Found, Match, Task, best_match, refined_candidates, searched_window
 from visloc_companion.localise.modes import MODE_RADIUS, mass_near
 from visloc_companion.localise.open_places import Weighed, share_of, weighed
+from visloc_companion.localise.plan import view_box
 from visloc_companion.localise.pose import PoseEstimate, heading_from
-from visloc_companion.localise.verify import Evidence, Weights, beside_others, crowded, outvoted, probability_wrong, refusal
+from visloc_companion.localise.quarters import quarters_log_odds
+from visloc_companion.localise.verify import (
+    Evidence,
+    Weights,
+    beside_others,
+    block_z,
+    crowded,
+    fewer_places,
+    outvoted,
+    probability_wrong,
+    refusal,
+)
+from visloc_companion.localise.window import part_of_box
 
 Why = tuple[Reason, str]
+LEAST_BLOCK_Z = 2.0
+"""Quarters tell which place it is, and not where in it: they are asked where blocks of the fine level agree beyond chance, by so
+many of its standard deviations. Along a shore that has moved all four show the same wrong place, and those blocks do not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,8 +47,8 @@ class Look:
     """The strongest of the refined candidates, with its pose and evidence.
 
     `likely`: how likely each candidate and each open mode of the search is, `share` what that leaves of the best under the prior;
-    `votes` what the frame's blocks on their own leave of it; `alone`: probability that the best is wrong by its own looks, `p`
-    beside the others and by the blocks.
+    `votes` what the frame's blocks on their own leave of it; `alone`: probability that the best is wrong by its own looks, and by
+    its `quarters` (nats), where they were asked; `p` beside the others and by the blocks.
     """
 
     task: Task
@@ -45,6 +61,7 @@ class Look:
     votes: float
     alone: float
     p: float
+    quarters: float | None = None
 
     def why_not(self, limit: float) -> Why | None:
         """Why it is declined at a limit of the probability of being wrong, or None."""
@@ -70,6 +87,19 @@ def looked(task: Task, found: Found, weights: Weights) -> Look | Why:
     return Look(task, matches, match, match.estimate, evidence, likely, share, voted, alone, p)
 
 
+def with_quarters(look: Look, found: Found, weights: Weights) -> Look:
+    """The look with what the quarters of its frame show of all places that were searched (quarters.py); as it is where the prior
+    leaves few of them, or blocks hardly agree with it."""
+    evidence = look.evidence
+    if fewer_places(evidence.prior_px) > 0 or block_z(evidence.blocks, evidence.agreeing) < LEAST_BLOCK_Z:
+        return look
+    task, pose = look.task, look.match.descended.pose
+    window = part_of_box(found.grid, *view_box(task.plan, pose), margin_px=1)
+    values, mask = task.frame(window, task.features).on_surface(pose, window)
+    seen = values, mask * window.weight
+    return _claiming(look, weights, quarters_log_odds(found.grid, window, seen, pose, task.plan, task.temperature))
+
+
 def convincing(look: Look | Why | None, weights: Weights, limit: float) -> TypeGuard[Look]:
     """Whether there is a look, and it would not be declined at a limit if the prior left as many places as the weights are for.
 
@@ -77,8 +107,13 @@ def convincing(look: Look | Why | None, weights: Weights, limit: float) -> TypeG
     """
     if not isinstance(look, Look):
         return False
-    alone = probability_wrong(replace(look.evidence, prior_px=math.inf), weights)
-    return replace(look, alone=alone, p=beside_others(alone, look.share * look.votes)).why_not(limit) is None
+    anywhere = replace(look, evidence=replace(look.evidence, prior_px=math.inf))
+    return _claiming(anywhere, weights, look.quarters).why_not(limit) is None
+
+
+def _claiming(look: Look, weights: Weights, quarters: float | None) -> Look:
+    alone = probability_wrong(look.evidence, weights, quarters)
+    return replace(look, alone=alone, p=beside_others(alone, look.share * look.votes), quarters=quarters)
 
 
 def surer(first: Look | Why, second: Look | Why, limit: float) -> Look | Why:

@@ -24,6 +24,10 @@ DEEP_WEIGHTS: Weights = (-1.52, 0.907, -4.49, 0.145, 0.626, 4.95, -1.45, -0.408,
 """... for the network's, and ..."""
 AGAIN_WEIGHTS: Weights = (-2.4, 4.05, -8.39, 1.11, 0.57, 9.67, -0.294, -0.239, 1.89, -5.27, 0.0454, 0.204, 3.95)
 """... for a second look through the network's at what the first one declines (looks.py)."""
+QUARTER_WEIGHTS: Weights = (-0.791, 0.762, 0.361)
+"""... on `quarter_regressors`, for a first look that was declined and asked for its quarters (quarters.py), and ..."""
+MOST_BY_QUARTERS, MOST_BEFORE = 20.0, 7.0
+"""Greatest log-odds (nats) that count of the quarters, and of a match before they are asked; the latter against it, too."""
 UNKNOWN_ATTITUDE_WEIGHTS: Weights = (1.96, 7.55, 1.64, 1.0, -1.49, -4.97)
 """... for frames of unknown attitude (`python -m benchmarks.cross_view --fit`, training rows only)."""
 FAR_PX = 7.0
@@ -114,10 +118,23 @@ def block_z(blocks: float, agreeing: float) -> float:
     return (agreeing - CHANCE * blocks) / math.sqrt(max(blocks, 1) * CHANCE * (1 - CHANCE))
 
 
-def probability_wrong(evidence: Evidence, weights: Weights) -> float:
-    """Calibrated probability that the match is another place, or is this place and far off."""
-    right_place = logistic(log_odds(weights, evidence.regressors()) + fewer_places(evidence.prior_px))
-    return 1 - right_place * probability_near(evidence.sigma_px, evidence.prior_px, evidence.position_sigmas)
+def probability_wrong(evidence: Evidence, weights: Weights, quarters: float | None = None) -> float:
+    """Calibrated probability that the match is another place, or is this place and far off; `quarters`: nats by which the frame's
+    speak for it (quarters.py), where they were asked."""
+    place = probability_of_place(evidence, weights)
+    if quarters is not None:
+        place = logistic(log_odds(QUARTER_WEIGHTS, quarter_regressors(place, quarters)))
+    return 1 - place * near_enough(evidence)
+
+
+def probability_of_place(evidence: Evidence, weights: Weights) -> float:
+    """Calibrated probability that the match is of the right place."""
+    return logistic(log_odds(weights, evidence.regressors()) + fewer_places(evidence.prior_px))
+
+
+def near_enough(evidence: Evidence) -> float:
+    """Probability that a match of the right place is not far off."""
+    return probability_near(evidence.sigma_px, evidence.prior_px, evidence.position_sigmas)
 
 
 def fewer_places(prior_px: float) -> float:
@@ -180,6 +197,13 @@ def beside_others(alone: float, share: float) -> float:
     not.
     """
     return 1 - (1 - alone) * share
+
+
+def quarter_regressors(place: float, quarters: float) -> tuple[float, ...]:
+    """What being the right place is regressed on where a frame's quarters were asked: its log-odds by the match's own looks,
+    and by the quarters."""
+    odds = math.log(max(place, 1e-9) / max(1 - place, 1e-9))
+    return 1.0, min(max(odds, -MOST_BEFORE), MOST_BEFORE), min(max(quarters, -MOST_BEFORE), MOST_BY_QUARTERS)
 
 
 def crowded(p: float, share: float, max_probability_wrong: float) -> tuple[Reason, str] | None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from visloc_companion.evaluate.cases import Truth
 from visloc_companion.evaluate.image_metrics import CaseResult
-from visloc_companion.localise.verify import AGAIN_WEIGHTS, DEEP_WEIGHTS, Evidence
+from visloc_companion.localise.verify import AGAIN_WEIGHTS, DEEP_WEIGHTS, QUARTER_WEIGHTS, Evidence
 from visloc_companion.types import Fix, GeoPoint
 
 PLACE = GeoPoint(48.0, 11.0, 100.0)
@@ -30,6 +32,20 @@ def test_what_is_fitted_is_what_is_claimed_in_flight(load, share, votes):
     flown = load("answers").judged_anew(result, "deep").fix
     assert flown is not None
     assert fitted == pytest.approx(flown.probability_wrong, abs=1e-9)
+
+
+def test_quarters_are_fitted_as_they_are_claimed_in_flight(load):
+    without = answer(0.6, 0.7)
+    asked = replace(without, case_id="t2/c1", evidence=without.evidence | {"quarters": 3.0})
+    samples = load("calibrate").collect_asked({"t2": [(without, TRUTH), (asked, TRUTH)]})
+    assert samples.x.shape == (1, len(QUARTER_WEIGHTS))
+    (fitted,) = load("calibrate").probability_wrong(samples.x, np.array(QUARTER_WEIGHTS), samples.sure, samples.fewer)
+    flown = load("answers").judged_anew(asked, "deep").fix
+    assert flown is not None
+    assert fitted == pytest.approx(flown.probability_wrong, abs=1e-9)
+    unasked = load("answers").judged_anew(without, "deep").fix
+    assert unasked is not None
+    assert unasked.probability_wrong != flown.probability_wrong
 
 
 def test_nothing_counts_against_a_match_that_speaks_for_one(load):

@@ -13,7 +13,7 @@ from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.localise.dense import DenseLocaliser, Fitted
 from visloc_companion.localise.features.gradient import GRADIENT
-from visloc_companion.localise.looks import Look, convincing, surer
+from visloc_companion.localise.looks import Look, convincing, surer, with_quarters
 from visloc_companion.localise.ranking import GRADIENT_RANK
 from visloc_companion.localise.settings import LocaliserSettings, Looks
 from visloc_companion.localise.verify import GRADIENT_WEIGHTS, Evidence, probability_wrong
@@ -88,6 +88,26 @@ def test_what_they_accept_is_not(map_and_frames, support):
     assert dict(both.evidence)["looks"] == 1.0
 
 
+def test_what_is_declined_is_asked_for_its_quarters_where_the_prior_leaves_many_places(map_and_frames, support):
+    known, same, grown = map_and_frames
+    fitted = Fitted(GRADIENT_WEIGHTS, GRADIENT_RANK, 1.04, GRADIENT_WEIGHTS)
+    settings = LocaliserSettings(looks=Looks.FIRST)
+    deep = DenseLocaliser("deep", MODEL, settings, Broad(), fitted)
+    gradient = DenseLocaliser("gradient", MODEL, settings, Broad(), Fitted(GRADIENT_WEIGHTS, GRADIENT_RANK, 1.04))
+
+    def quarters(localiser, frame, sigma_m, tilt_deg=0.5):
+        request = support.request_at((19.0, -37.0, -333.0), LEVEL, sigma_m=sigma_m)
+        request = replace(request, prior=replace(request.prior, sigma_tilt_rad=np.radians(tilt_deg)))
+        return dict(localiser.localise(request, frame, known).evidence).get("quarters")
+
+    doubted = cv2.addWeighted(same, 0.15, grown, 0.85, 0)
+    assert quarters(deep, doubted, 40.0) > 3.0
+    assert quarters(deep, same, 40.0) is None  # it is not declined
+    assert quarters(deep, doubted, 3.0) is None
+    assert quarters(deep, doubted, 40.0, tilt_deg=6.0) is None
+    assert quarters(gradient, doubted, 40.0) is None
+
+
 @pytest.mark.parametrize(("lean_deg", "tilt_deg", "looks"), [(20.0, 1.0, 2.0), (40.0, 1.0, 1.0), (40.0, 0.5, 2.0)])
 def test_from_the_side_only_where_the_tilt_is_known(map_and_frames, support, lean_deg, tilt_deg, looks):
     known, *_ = map_and_frames
@@ -155,6 +175,23 @@ def test_one_that_only_its_prior_makes_sure_does_not_do_without_another_look():
     assert convincing(replace(seen, evidence=replace(GOOD, prior_px=0.6)), GRADIENT_WEIGHTS, 0.005)
     assert not convincing(NOTHING, GRADIENT_WEIGHTS, 0.005)
     assert not convincing(None, GRADIENT_WEIGHTS, 0.005)
+
+
+def test_where_blocks_hardly_agree_or_few_places_are_left_quarters_are_not_asked():
+    nothing: Any = None
+    for evidence in (replace(GOOD, agreeing=5.0), replace(GOOD, prior_px=1.0)):
+        seen = replace(look(0.2), evidence=evidence)
+        assert with_quarters(seen, nothing, GRADIENT_WEIGHTS) is seen
+
+
+def test_quarters_convince_of_a_poor_look_or_speak_against_it():
+    poor = replace(GOOD, score=0.2, coarse_score=0.3, runner_up=0.9, agreeing=6.0, lead=1.5)
+    seen = replace(look(probability_wrong(poor, GRADIENT_WEIGHTS)), evidence=poor)
+    assert not convincing(seen, GRADIENT_WEIGHTS, 0.005)
+    assert convincing(replace(seen, quarters=10.0), GRADIENT_WEIGHTS, 0.005)
+    assert convincing(seen, GRADIENT_WEIGHTS, 0.05)
+    assert not convincing(replace(seen, quarters=-5.0), GRADIENT_WEIGHTS, 0.05)
+    assert not convincing(replace(seen, quarters=20.0, votes=0.9), GRADIENT_WEIGHTS, 0.05)
 
 
 def test_a_frame_that_could_be_of_many_places_is_of_the_one_where_the_vehicle_is(map_and_frames, support):
