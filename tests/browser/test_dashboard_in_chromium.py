@@ -338,9 +338,10 @@ def under_a_prefix(url: str, prefix: bytes) -> Iterator[str]:
         async with await asyncio.start_server(passed_on, "127.0.0.1", 0) as server:
             ready.set_result(server.sockets[0].getsockname()[1])
             await stop.wait()
-        for task in serving - {None}:
-            task.cancel()
-        await asyncio.gather(*serving, return_exceptions=True)
+            server.close()
+            for task in serving - {None}:  # from Python 3.12 on the server waits for them
+                task.cancel()
+            await asyncio.gather(*serving, return_exceptions=True)
 
     with in_thread(run):
         yield f"http://127.0.0.1:{ready.result(10)}{prefix.decode()}/"
