@@ -163,9 +163,9 @@ def collect(method: str, judged: dict[str, list[Judged]]) -> Samples:
             family.append(place)
             if not error.wrong:
                 near.setdefault(place, []).append(error)
-    table, truths, near_enough, nats = (np.array(values, dtype=np.float64) for values in (x, right, sure, fewer))
+    table, truths, factors, nats = (np.array(values, dtype=np.float64) for values in (x, right, sure, fewer))
     signs = SIGNS if method in WEIGHTS else None
-    return Samples(table, truths, near_enough, nats, np.array(family), signs, near)
+    return Samples(table, truths, factors, nats, np.array(family), signs, near)
 
 
 def collect_asked(judged: dict[str, list[Judged]]) -> Samples:

@@ -49,7 +49,8 @@ def watch(flight: Flight, settings: GnssSettings, *, grounds: bool = True) -> It
         place = GeoPoint(59.0, 18.0, m.h_gnss_m)
         monitor.on_gnss(Gnss(now, now, 3 if m.has_fix else 1, 12, place, 1.0, 1.5, m.v_ned_mps))
         if m.difference_ne_m is not None:
-            cov_m2, ground = ((m.over * m.claimed_var_m2, 0.0), (0.0, m.over * m.claimed_var_m2)), m.ground if grounds else None
+            var, ground = m.over * m.claimed_var_m2, m.ground if grounds else None
+            cov_m2 = (var, 0.0), (0.0, var)
             monitor.on_vision(now, m.difference_ne_m, cov_m2, MAP_SIGMA_M, m.v_ned_mps[:2], ground, m.over)
         if m.gnss_moved_ne_m is not None:
             monitor.on_displacement(now - SECOND_NS, now, m.gnss_moved_ne_m, m.odometry_moved_ne_m, m.odometry_var_m2)

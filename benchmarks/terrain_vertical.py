@@ -129,6 +129,9 @@ class Inertial:
 
     n, beside_barometer = 8, True
 
+    def __init__(self, tilt_rad: float) -> None:
+        self._tilt_rad = tilt_rad
+
     def start(self) -> FloatArray:
         """The height is begun by the barometer."""
         P = np.diag(
@@ -136,7 +139,7 @@ class Inertial:
                 [
                     *(math.hypot(START_SIGMA_H_M, facts.BARO_NOISE_M), START_SIGMA_MPS),
                     *(facts.ACCELEROMETER, facts.ACCELEROMETER, facts.ANOMALY),
-                    *(facts.DRIFTS["tactical"].tilt_rad, facts.DRIFTS["tactical"].tilt_rad, START_SIGMA_H_M),
+                    *(self._tilt_rad, self._tilt_rad, START_SIGMA_H_M),
                 ]
             )
         )
@@ -145,9 +148,8 @@ class Inertial:
 
     def over(self, dt_s: float, course_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """By the error equations; gravity is reckoned for the barometer's height."""
-        tilt = facts.DRIFTS["tactical"].tilt_rad
         lasts_s = np.array([facts.ANOMALY_M / facts.SPEED_MPS, facts.TILT_S, facts.TILT_S, facts.BARO_S])
-        sigma = np.array([facts.ANOMALY, tilt, tilt, facts.BARO_M])
+        sigma = np.array([facts.ANOMALY, self._tilt_rad, self._tilt_rad, facts.BARO_M])
         A = np.zeros((8, 8))
         A[0, 1] = 1.0
         A[1] = self._acceleration(course_rad)
@@ -200,4 +202,4 @@ class Inertial:
 
 def vertical_of(model: DriftModel) -> Vertical:
     """The states of a height."""
-    return Inertial() if model.inertial else Barometric()
+    return Inertial(model.tilt_rad) if model.inertial else Barometric()

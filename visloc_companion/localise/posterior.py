@@ -100,7 +100,7 @@ def fit_temperature(samples: Sequence[KnownPosition], radius_px: float = 0.75) -
 
     def cost(log_temperature: float) -> float:
         t = math.exp(log_temperature)
-        return sum(_log_sum(every / t) - _log_sum(near / t) for near, every in parts)
+        return sum(log_sum(every / t) - log_sum(near / t) for near, every in parts)
 
     low, high = math.log(COLDEST), math.log(HOTTEST)
     grid = np.linspace(low, high, 40)
@@ -146,7 +146,8 @@ def _near_and_all(sample: KnownPosition, radius_px: float) -> tuple[FloatArray, 
     return scores[near], scores
 
 
-def _log_sum(values: FloatArray) -> float:
+def log_sum(values: FloatArray) -> float:
+    """Log of the sum of what these are the logs of, at least one of them finite."""
     highest = float(values.max())
     return highest + math.log(float(np.exp(values - highest).sum()))
 

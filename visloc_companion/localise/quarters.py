@@ -21,6 +21,7 @@ from visloc_companion.localise.frame_features import Seen
 from visloc_companion.localise.hypotheses import region
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan
+from visloc_companion.localise.posterior import log_sum
 from visloc_companion.localise.search import NO_SCORE, ScoreVolume, Template, search
 from visloc_companion.localise.spectra import Box
 from visloc_companion.types import FloatArray
@@ -57,8 +58,8 @@ def quarters_log_odds(
         for part in _quarters(*seen)
     ]
     together = np.sum(nats, axis=0)
-    others = np.logaddexp(_log_sum(together[away]), math.log(np.count_nonzero(near)))
-    return _log_sum(together[near]) - float(others)
+    others = np.logaddexp(log_sum(together[away]), math.log(np.count_nonzero(near)))
+    return log_sum(together[near]) - float(others)
 
 
 def _places(grid: MapGrid, plan: SearchPlan, offset: NDArray[np.intp], shape: tuple[int, ...], at: NDArray[np.intp]) -> Box:
@@ -98,8 +99,3 @@ def _votes(score: Float32Array, counted: NDArray[np.bool_], temperature: float) 
         return np.zeros(score.shape)
     likely = np.where(known, np.exp((score.astype(np.float64) - float(score[known].max())) / temperature), 0.0)
     return np.asarray(np.log(MISSED + (1 - MISSED) * likely / likely[known].mean()), dtype=np.float64)
-
-
-def _log_sum(nats: FloatArray) -> float:
-    top = float(nats.max())
-    return top + math.log(float(np.exp(nats - top).sum()))

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from tests.unit.benchmarks.test_terrain_filter import STEPS, carry
 from visloc_companion.localise.terrain.base import TerrainFix
 
-SEEDS, LENGTH_M, STEPS = 20, 30_000.0, 60
+SEEDS, LENGTH_M = 20, 30_000.0
 AFTER_S = (60, 300, 480, 588)
 FIX_STEPS, FIX_SIGMA_M = 180, 1.0
 SETTLED = 1800
@@ -31,12 +32,6 @@ def flown(parts: SimpleNamespace, drift: str, seed: int) -> tuple[object, object
     """A flight and its filter at the start."""
     flight = parts.facts.make_flight(WORLD, parts.facts.DRIFTS[drift], seed)
     return flight, parts.filter.ErrorFilter(flight.drift, 15.0, flight.course_rad[0])
-
-
-def carry(belief: object, flight: object, end: int) -> None:
-    """Over STEPS that end at a step."""
-    over = slice(end - STEPS + 1, end + 1)
-    belief.carry(flight.course_rad[over], flight.h_reckoned_m[over] - flight.h_indicated_m[over])
 
 
 def off_m(flight: object, belief: object, end: int) -> float:

@@ -171,20 +171,23 @@ def _refined(fitting: Fitting, starts: list[FloatArray], prior: TerrainPrior) ->
     found: list[Refined] = []
     for start in starts:
         one = fine.refine(fitting, start)
-        _add(found, one, fitting)
-        if abs(one.unknowns[2]) > max(prior.sigma_h_m, fitting.noise.sigma_m):
+        if _added(found, one, fitting) and abs(one.unknowns[2]) > max(prior.sigma_h_m, fitting.noise.sigma_m):
             at_prior = one.unknowns.copy()
             at_prior[2] = 0.0
-            _add(found, fine.refine(fitting, at_prior), fitting)
+            _added(found, fine.refine(fitting, at_prior), fitting)
     return found, weights_of(found, prior)
 
 
-def _add(found: list[Refined], one: Refined, fitting: Fitting) -> None:
+def _added(found: list[Refined], one: Refined, fitting: Fitting) -> bool:
+    """Whether it is another than those found, and was added to them."""
+
     def differs(other: Refined) -> bool:
         return _apart_m(one, other) > _near_m(fitting) or abs(one.unknowns[2] - other.unknowns[2]) > fitting.noise.sigma_m
 
-    if all(differs(other) for other in found):
+    new = all(differs(other) for other in found)
+    if new:
         found.append(one)
+    return new
 
 
 def _apart_m(one: Refined, other: Refined) -> float:
