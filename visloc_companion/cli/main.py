@@ -12,6 +12,7 @@ from visloc_companion.cli.calibrate import calibrate
 from visloc_companion.cli.demo import demo
 from visloc_companion.cli.doctor import doctor
 from visloc_companion.cli.evaluate import evaluate_app
+from visloc_companion.cli.exit_code import exit_code
 from visloc_companion.cli.here import here
 from visloc_companion.cli.link_key import link_key
 from visloc_companion.cli.map import map_app
@@ -21,7 +22,7 @@ from visloc_companion.cli.sim import sim
 from visloc_companion.cli.streams import open_streams, standard_output
 from visloc_companion.cli.train import train_app
 from visloc_companion.cli.web import web
-from visloc_companion.errors import CameraError, ConfigError, LinkError, VislocError, is_of_the_disk
+from visloc_companion.errors import CameraError, VislocError
 
 app = typer.Typer(
     name="visloc",
@@ -54,13 +55,6 @@ def _version(asked: bool) -> None:
 @app.callback()
 def _root(version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version.")) -> None:
     """Options before the subcommand."""
-
-
-def exit_code(error: VislocError) -> int:
-    """The process exit code that tells what kind of thing went wrong: 2 is what does not get better by trying again."""
-    if isinstance(error, ConfigError) and not is_of_the_disk(error.__cause__):
-        return 2
-    return 4 if isinstance(error, LinkError) else 3
 
 
 _OF_THE_PATH = (errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP)

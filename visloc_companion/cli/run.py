@@ -115,7 +115,7 @@ def _finish(problems: list[VislocError], config: Path) -> None:
     from rich.text import Text
     from rich.tree import Tree
 
-    from visloc_companion.cli.main import exit_code
+    from visloc_companion.cli.exit_code import exit_code
 
     tree = Tree(Text(f"visloc cannot run with {config}", style="bold red"))
     for problem in problems:

@@ -13,7 +13,6 @@ from visloc_companion.errors import ConfigError
 if TYPE_CHECKING:
     from visloc_companion.evaluate.campaign import FlightSpec
     from visloc_companion.evaluate.closed_loop import FlownScenario
-    from visloc_companion.evaluate.record import FlightRecord
     from visloc_companion.evaluate.sim_journal import JournalChoice
 
 WORLD_SEED = 1
@@ -168,6 +167,7 @@ def _placed(
 
 def _single(spec: FlightSpec, json_file: Path | None, report: Path | None, kept: JournalChoice | None) -> None:
     from visloc_companion.cli.progress import bar
+    from visloc_companion.cli.sim_result import write_result
     from visloc_companion.evaluate.campaign import find_scenario, fly_spec, result_of
 
     with bar(f"flying {spec.scenario}", find_scenario(spec.scenario).duration_s) as advance:
@@ -184,21 +184,6 @@ def _single(spec: FlightSpec, json_file: Path | None, report: Path | None, kept:
             _report(spec, flown, report)
     if not flown.passed:
         raise typer.Exit(1)
-
-
-def write_result(record: FlightRecord, result: dict[str, Any], json_file: Path) -> None:
-    """The JSON of a flight, and beside it its epochs as CSV, unless it goes into a pipe. Raises ConfigError where they cannot be
-    written."""
-    from visloc_companion.cli.progress import result_to, write_json
-    from visloc_companion.evaluate.metrics import write_epochs
-
-    if json_file.exists() and not json_file.is_file():  # nothing lies beside /dev/stdout
-        write_json(json_file, {**result, "epochs": None})
-        return
-    epochs = json_file.with_name(f"{json_file.stem}-epochs.csv")
-    write_json(json_file, {**result, "epochs": str(epochs)})
-    with result_to(epochs, "--json"):
-        write_epochs(record, epochs)
 
 
 def _report(spec: FlightSpec, flown: FlownScenario, path: Path) -> None:

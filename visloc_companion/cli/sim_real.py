@@ -23,7 +23,7 @@ def fly_real(autopilot: str, vehicle: str, name: str, seed: int, with_daemon: bo
     Raises ConfigError for names that there are not and where the program is missing.
     """
     from visloc_companion.cli.progress import require_folder
-    from visloc_companion.cli.sim import write_result
+    from visloc_companion.cli.sim_result import write_result
     from visloc_companion.evaluate.real_flight import checks, real_figures
     from visloc_companion.evaluate.real_result import real_record, real_result
     from visloc_companion.evaluate.real_world import over_its_world

@@ -15,8 +15,9 @@ from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.localise.frame import full_level, reduced
+from visloc_companion.localise.local_frame import local_frame
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify_surface
-from visloc_companion.localise.plan import footprint, local_frame
+from visloc_companion.localise.plan import footprint
 from visloc_companion.localise.rectified import rectified
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import GeoPoint, Image, Quat

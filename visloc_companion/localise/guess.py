@@ -11,7 +11,8 @@ from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat, quat_from_R
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.localise.attitude_search import Candidate
-from visloc_companion.localise.plan import LocalFrame, turned
+from visloc_companion.localise.local_frame import LocalFrame
+from visloc_companion.localise.plan import turned
 from visloc_companion.localise.pose import heading_and_tilt, heading_from
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import Fix, GeoPoint, PosePrior, Quat

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from visloc_companion.localise.local_frame import LocalFrame
 from visloc_companion.protocols import EdgedMap, ReferenceMap
 from visloc_companion.types import FloatArray
-
-if TYPE_CHECKING:
-    from visloc_companion.localise.plan import LocalFrame
 
 BENT = 0.01
 """Share of the map's size by which its corners may lie elsewhere than the CRS says, linearised at a place some kilometres off."""

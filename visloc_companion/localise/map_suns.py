@@ -10,7 +10,7 @@ from visloc_companion.errors import OutsideMap
 from visloc_companion.geo.sun import turned
 from visloc_companion.localise.features.grey import GREY
 from visloc_companion.localise.light import WORKING_M, sun_over, up_azimuth_deg
-from visloc_companion.localise.plan import LocalFrame
+from visloc_companion.localise.local_frame import LocalFrame
 from visloc_companion.localise.window import map_grid
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import FloatArray, Sun

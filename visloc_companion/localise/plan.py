@@ -15,11 +15,12 @@ from visloc_companion.geo.camera import R_FRD_CAM, unproject
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import check_pixels
+from visloc_companion.localise.local_frame import LocalFrame, local_frame
 from visloc_companion.localise.map_part import part_on_map
 from visloc_companion.localise.ortho_rectify import MAX_TAN_INCIDENCE, CameraPose
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.protocols import FeatureMap, ReferenceMap
-from visloc_companion.types import CameraModel, FeaturePatch, FloatArray, GeoPoint, Image, PosePrior, ReferencePatch
+from visloc_companion.types import CameraModel, FeaturePatch, FloatArray, Image, PosePrior, ReferencePatch
 
 COARSE_PIXELS, COARSEST_PIXELS = 90.0, 45.0
 """Side (px) of the square with the footprint's area at the search level; down to the second
@@ -47,30 +48,6 @@ SAMPLES = 13
 """Rows and columns of the lattice of the frame whose rays are followed to the ground."""
 UNTIMED: AbstractContextManager[object] = nullcontext()
 """For callers that do not tell the map's side from the rest."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LocalFrame:
-    """Metres north and east of a place, and the map's CRS linearised there."""
-
-    origin: GeoPoint
-    J_map_ne: FloatArray
-    origin_map: FloatArray
-
-    @property
-    def map_units_per_m(self) -> float:
-        """How long a metre on the ground is in the map's CRS."""
-        return math.sqrt(abs(float(np.linalg.det(self.J_map_ne))))
-
-    def A_ne_pix(self, T_map_pix: FloatArray) -> FloatArray:
-        """(2, 3) pix -> metres north, east, for a window of the map."""
-        inverse = np.linalg.inv(self.J_map_ne)
-        return np.column_stack([inverse @ T_map_pix[:, :2], inverse @ (T_map_pix[:, 2] - self.origin_map)])
-
-    def to_map(self, ne_m: FloatArray) -> tuple[float, float]:
-        """Map coordinates of a place given in metres north, east."""
-        x, y = self.origin_map + self.J_map_ne @ ne_m
-        return float(x), float(y)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,16 +81,6 @@ class SearchPlan:
     def region_half_m(self) -> FloatArray:
         """(2,) how far north or south, and east or west, of the prior's place is searched."""
         return np.minimum(SIGMAS * np.sqrt(np.diag(self.cov_ne_m2)), min(self.radius_cap_m, self.within_m))
-
-
-def local_frame(place: GeoPoint, ref: ReferenceMap) -> LocalFrame:
-    """Local coordinates about a place, zero height at sea level. Raises OutsideMap where the map's CRS has none."""
-    projection = ref.projection_at(place)
-    return LocalFrame(
-        GeoPoint(place.lat_deg, place.lon_deg, 0.0),
-        np.asarray(projection.J_map_ne),
-        np.array(projection.origin_map_m, dtype=np.float64),
-    )
 
 
 def make_plan(

@@ -17,8 +17,9 @@ from visloc_companion.localise.features.base import Features, Float32Array
 from visloc_companion.localise.frame import FrameLevel, full_level, reduced
 from visloc_companion.localise.frame_features import FrameFeatures, Seen, frame_features, shown
 from visloc_companion.localise.hypotheses import footprint_box
+from visloc_companion.localise.local_frame import LocalFrame
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
-from visloc_companion.localise.plan import LocalFrame, SearchPlan
+from visloc_companion.localise.plan import SearchPlan
 from visloc_companion.localise.pose import PriorTerm, heading_from
 from visloc_companion.localise.window import map_grid
 from visloc_companion.protocols import ReferenceMap

@@ -21,7 +21,7 @@ from visloc_companion.localise.features.base import Features, Float32Array, Mask
 from visloc_companion.localise.features.gradient import grey
 from visloc_companion.localise.ground import filled
 from visloc_companion.localise.light import Light, relit, up_azimuth_deg
-from visloc_companion.localise.plan import LocalFrame, local_frame
+from visloc_companion.localise.local_frame import LocalFrame, local_frame
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import FeaturePatch, FloatArray, GeoPoint, ReferencePatch
 

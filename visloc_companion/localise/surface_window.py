@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.errors import OutsideMap
+from visloc_companion.localise.local_frame import LocalFrame
 from visloc_companion.localise.odometry.base import Surface
-from visloc_companion.localise.plan import LocalFrame
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import FloatArray
 

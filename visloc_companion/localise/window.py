@@ -10,9 +10,9 @@ import numpy as np
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import eroded
 from visloc_companion.localise.ground import filled
+from visloc_companion.localise.local_frame import LocalFrame
 from visloc_companion.localise.map_part import worth_reading
 from visloc_companion.localise.ortho_rectify import MapGrid
-from visloc_companion.localise.plan import LocalFrame
 from visloc_companion.localise.relit_tiles import Lit
 from visloc_companion.localise.working_gsd import working_gsd_m
 from visloc_companion.protocols import FeatureMap, ReferenceMap

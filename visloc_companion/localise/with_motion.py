@@ -17,8 +17,8 @@ from visloc_companion.errors import OutsideMap
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.localise.asking import Asking
 from visloc_companion.localise.flow import FrameToFrame
+from visloc_companion.localise.local_frame import LocalFrame, local_frame
 from visloc_companion.localise.odometry.base import FlowSettings, Sight, Step, Surface
-from visloc_companion.localise.plan import LocalFrame, local_frame
 from visloc_companion.localise.pose import heading_from
 from visloc_companion.localise.ranged import fits, fits_height, is_plane
 from visloc_companion.localise.surface_window import SurfaceWindow

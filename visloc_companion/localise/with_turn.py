@@ -15,10 +15,10 @@ import numpy as np
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.tilt import CAMERA_SIGMA, by_camera, tilt_gained
 from visloc_companion.localise.asking import Asking
+from visloc_companion.localise.local_frame import local_frame
 from visloc_companion.localise.odometry.below import heights_above
 from visloc_companion.localise.odometry.rotation import TurnWatch
 from visloc_companion.localise.odometry.turn_follow import HeightsAbove
-from visloc_companion.localise.plan import local_frame
 from visloc_companion.localise.surface_window import SurfaceWindow
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix, PosePrior, TiltPrior, Turn

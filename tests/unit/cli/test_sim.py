@@ -16,7 +16,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from visloc_companion.cli.sim import sim, write_result
+from visloc_companion.cli.sim import sim
+from visloc_companion.cli.sim_result import write_result
 from visloc_companion.errors import ConfigError, MapError
 from visloc_companion.evaluate import campaign, closed_loop, flight_area, metrics, report
 from visloc_companion.evaluate.campaign import FlightSpec, FlownSpec

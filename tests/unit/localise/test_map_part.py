@@ -7,8 +7,8 @@ import pytest
 
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
 from visloc_companion.localise.features.gradient import GRADIENT
+from visloc_companion.localise.local_frame import local_frame
 from visloc_companion.localise.map_part import part_on_map, reaches_all, worth_reading
-from visloc_companion.localise.plan import local_frame
 from visloc_companion.localise.registry import make_localiser
 from visloc_companion.localise.window import MAX_SIDE_PX, cropped, map_grid, searched_map
 from visloc_companion.types import CameraModel, Fix, ReferencePatch

@@ -9,8 +9,8 @@ import pytest
 
 from tests.unit.localise.test_light import EVENING, MORNING, photograph, wood
 from visloc_companion.localise import map_suns
+from visloc_companion.localise.local_frame import local_frame
 from visloc_companion.localise.map_suns import TILE_M, MapSuns
-from visloc_companion.localise.plan import local_frame
 from visloc_companion.types import GeoPoint
 
 HOME = GeoPoint(47.0, 8.0, 0.0)

@@ -13,10 +13,11 @@ from visloc_companion.localise.descent import Descended
 from visloc_companion.localise.features.gradient import GRADIENT, GradientFeatures
 from visloc_companion.localise.frame import full_level
 from visloc_companion.localise.hypotheses import search_box
+from visloc_companion.localise.local_frame import local_frame
 from visloc_companion.localise.matching import SAME_GSD, Task, distinct, refined_candidates
 from visloc_companion.localise.open_places import share_of, weighed
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
-from visloc_companion.localise.plan import SearchPlan, local_frame, make_plan
+from visloc_companion.localise.plan import SearchPlan, make_plan
 from visloc_companion.localise.pose import to_view, turned_about_view
 from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK
 from visloc_companion.localise.settings import LocaliserSettings

@@ -16,7 +16,7 @@ from visloc_companion.localise import relit_tiles
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.features.grey import GREY
 from visloc_companion.localise.light import Light, relit
-from visloc_companion.localise.plan import local_frame
+from visloc_companion.localise.local_frame import local_frame
 from visloc_companion.localise.relit_tiles import SIDE_PX, RelitTiles, serves
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.types import GeoPoint

@@ -7,7 +7,7 @@ import pytest
 
 from visloc_companion.errors import OutsideMap
 from visloc_companion.localise.features.gradient import GRADIENT
-from visloc_companion.localise.plan import local_frame
+from visloc_companion.localise.local_frame import local_frame
 from visloc_companion.localise.window import LEAST_PX, map_grid, part_of_box
 from visloc_companion.localise.working_gsd import working_gsd_m
 from visloc_companion.maps.pack import PackMap

@@ -13,7 +13,7 @@ from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.localise.asking import Asking
-from visloc_companion.localise.plan import local_frame
+from visloc_companion.localise.local_frame import local_frame
 from visloc_companion.localise.surface_window import REACH_HEIGHTS, SurfaceWindow
 from visloc_companion.localise.with_motion import HEADINGS, WithMotion
 from visloc_companion.localise.with_turn import WithTurn

@@ -9,7 +9,7 @@ import numpy as np
 from visloc_companion.core.terrain_aiding import METHOD
 from visloc_companion.errors import MapError, OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch
-from visloc_companion.localise.plan import LocalFrame, local_frame
+from visloc_companion.localise.local_frame import LocalFrame, local_frame
 from visloc_companion.localise.terrain.base import Kind, NoTerrainFix, Soundings, TerrainFix, TerrainPrior
 from visloc_companion.localise.terrain.elevation import ElevationMap, elevation_of
 from visloc_companion.localise.terrain.information import expected_sigma_m

@@ -12,7 +12,7 @@ import scipy.ndimage  # type: ignore[import-untyped]
 
 from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.localise.features.base import Float32Array, Mask
-from visloc_companion.localise.plan import LocalFrame
+from visloc_companion.localise.local_frame import LocalFrame
 from visloc_companion.types import FloatArray, ReferencePatch, Vec2
 
 KNOWN = 0.999

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from visloc_companion.localise.plan import LocalFrame
+from visloc_companion.localise.local_frame import LocalFrame
 from visloc_companion.localise.terrain.elevation import ElevationMap, elevation_of
 from visloc_companion.types import GeoPoint, ReferencePatch
 
