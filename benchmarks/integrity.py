@@ -27,9 +27,9 @@ from benchmarks.claims import claimed
 from benchmarks.integrity_kinds import ODOMETRY, VOTES, Flight, Tally, Vote
 from benchmarks.same_ground import Match, anywhere_m, lasts_m
 from visloc_companion.core.belief import seeded
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
-from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.odometry_aiding import OdometryAiding
 from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive
 from visloc_companion.core.settings import NavigatorSettings

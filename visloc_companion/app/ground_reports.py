@@ -12,7 +12,7 @@ from visloc_companion.app.computer import Computer
 from visloc_companion.app.health import sensor_health
 from visloc_companion.app.ticker import time_grid
 from visloc_companion.config import Config
-from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.protocols import Clock
 from visloc_companion.types import ComputerLoad, Mode, Report, Status, Verdict
 

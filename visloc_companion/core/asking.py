@@ -14,7 +14,7 @@ import numpy as np
 from visloc_companion.core import beside_gnss, place_search, requests
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.beside_gnss import BesideGnss
-from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.place_search import PlaceSearch, Reach, tile_radius_m
 from visloc_companion.core.propagation import VELOCITY, Drive

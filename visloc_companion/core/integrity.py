@@ -20,7 +20,7 @@ from visloc_companion.core.alike import Alike
 from visloc_companion.core.lasting import SHARE
 from visloc_companion.core.separation import Solutions
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.types import Cov2, FloatArray
+from visloc_companion.types import FloatArray
 
 AGE_DOUBLES_S = 30.0
 """The growth of dead reckoning is a model: what it claims without a fix is doubled after so long."""
@@ -32,27 +32,6 @@ CERTAIN = np.ones(1)
 """Probability of the filter itself."""
 ROUNDING = 1e-6
 """So that the largest radius tried is certainly enough."""
-
-
-def largest_sigma_m(cov_ne_m2: Cov2) -> float:
-    """Square root of the larger eigenvalue of a symmetric 2x2 covariance; 0 where that is negative, NaN where one of it is."""
-    (nn, ne), (_, ee) = cov_ne_m2
-    larger = (nn + ee) / 2 + math.hypot((nn - ee) / 2, ne)
-    return 0.0 if larger < 0 else math.sqrt(larger)
-
-
-def floored(cov_ne_m2: Cov2, min_sigma_m: float) -> Cov2:
-    """The covariance with no principal sigma below a floor."""
-    (nn, ne), (_, ee) = cov_ne_m2
-    middle, reach, least = (nn + ee) / 2, math.hypot((nn - ee) / 2, ne), min_sigma_m**2
-    larger, smaller = middle + reach, middle - reach
-    if smaller >= least:
-        return cov_ne_m2
-    if larger <= least:
-        return (least, 0.0), (0.0, least)
-    share = (least - smaller) / (larger - smaller)  # of what lies along the smaller axis, (larger I - cov) / (larger - smaller)
-    ne -= share * ne
-    return (nn + share * (larger - nn), ne), (ne, ee + share * (larger - ee))
 
 
 def aged(level_m: float, age_of_fix_s: float) -> float:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from itertools import accumulate
 from operator import add, sub
 
-from visloc_companion.core.integrity import floored
+from visloc_companion.core.covariance import floored
 from visloc_companion.errors import Reason
 from visloc_companion.geo.se3 import plus
 from visloc_companion.types import Cov2, Odometry, Rejected, TooOld, Vec2, Vec3

@@ -25,8 +25,8 @@ from dataclasses import replace
 import numpy as np
 
 from visloc_companion.core import hypotheses, kalman
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.core.hypotheses import H_POSITION, Hypothesis
-from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.core.vouching import velocity_sigma_mps
 from visloc_companion.errors import Reason

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint, NavState, OperatorFix
 

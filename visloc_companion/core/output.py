@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from visloc_companion.core.integrity import floored
+from visloc_companion.core.covariance import floored
 from visloc_companion.core.protection import Protected
 from visloc_companion.core.requests import SIGMA_YAW_RAD
 from visloc_companion.core.settings import InjectionSettings

@@ -15,8 +15,8 @@ import math
 from dataclasses import dataclass, replace
 
 from visloc_companion.core import hypotheses
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.core.hypotheses import Hypothesis
-from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.listed_places import LIKELY, THOROUGH, places_of
 from visloc_companion.core.tile_size import TileSize
 from visloc_companion.core.tiles import FARTHEST_M, Tile, Tiles, ends_of

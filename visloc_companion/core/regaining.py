@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from visloc_companion.core import hypotheses
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
 from visloc_companion.core.hypotheses import FEWEST_HITS, GATE_SIGMA, Hypothesis
-from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.place_search import spacing_m, tile_radius_m
 from visloc_companion.core.travel import TravelLog
 from visloc_companion.geo import wgs84

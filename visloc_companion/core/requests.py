@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.core.turns import Turns
 from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import Cov2, FrameRef, GeoPoint, LocaliseRequest, NavState, PosePrior, Quat, Vote

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint, NavState, Vec2
 

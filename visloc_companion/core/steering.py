@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from visloc_companion.core import modes, output
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.core.gnss import PROBATION, GnssMonitor
 from visloc_companion.core.gnss_trust import TRUSTED_BELOW
-from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.switching import SourceSwitch
 from visloc_companion.types import Command, EkfSource, InjectionPolicy, Mode, NavState, Notice, Severity, Verdict

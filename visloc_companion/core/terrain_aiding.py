@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.core.driving import Velocity
-from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.terrain_track import LearnedVelocity, Node, Track
 from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import Fix, GeoPoint, NavState, NoFix, PosePrior, Quat, Range, Sounding, TerrainRequest, Vec3

@@ -9,11 +9,11 @@ from visloc_companion.core.asking import Asking
 from visloc_companion.core.belief import Belief
 from visloc_companion.core.camera_watch import CameraWatch
 from visloc_companion.core.computer_watch import ComputerWatch
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.core.first_fixes import FirstFixes
 from visloc_companion.core.gnss import ODOMETRY, GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints
-from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.onboard_camera import OnboardCamera
 from visloc_companion.core.open_tracks import OpenTracks
 from visloc_companion.core.place_search import Found, PlaceSearch

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.core.first_fixes import GNSS_SIGMA_M, LIES_THERE_SIGMA
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.gnss_track import MAX_GAP_NS
 from visloc_companion.core.gnss_trust import TRUSTED_BELOW
-from visloc_companion.core.integrity import largest_sigma_m
 from visloc_companion.core.requests import MAX_DRAG_M
 from visloc_companion.core.steering import UNSEEN_S
 from visloc_companion.core.tracking import Tracker

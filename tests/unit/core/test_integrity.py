@@ -9,19 +9,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from visloc_companion.core import alike
-from visloc_companion.core.integrity import (
-    HEIGHT_SHARE,
-    aged,
-    floored,
-    gaussian,
-    largest_sigma_m,
-    protection_level_m,
-    vertical_protection_level_m,
-)
+from visloc_companion.core.integrity import HEIGHT_SHARE, aged, gaussian, protection_level_m, vertical_protection_level_m
 from visloc_companion.core.separation import EVERY, NONE, Solutions
 from visloc_companion.core.settings import NavigatorSettings
 
-COV = ((4.0, 1.5), (1.5, 2.0))
 SETTINGS = replace(NavigatorSettings(), map_sigma_m=0.0)
 P = np.diag([1.0, 0.64, 0.04, 0.04])
 ORIGIN = np.zeros(4)
@@ -32,28 +23,6 @@ def away(north_m: float, sigma_m: float, probability: float) -> Solutions:
     cov = np.diag([sigma_m**2, sigma_m**2, 0.04, 0.04])[None]
     x = np.array([[north_m, 0.0, 0.0, 0.0]])
     return Solutions(x, cov, np.array([probability]), np.zeros(1, np.int64), (EVERY,), (frozenset({"deep"}),))
-
-
-def test_largest_sigma_is_that_of_the_eigenvalues() -> None:
-    assert largest_sigma_m(COV) == pytest.approx(math.sqrt(np.linalg.eigvalsh(np.array(COV))[-1]))
-    assert largest_sigma_m(((2.5, 1.5), (1.5, 2.5))) == pytest.approx(2.0)
-
-
-def test_sigma_has_a_floor_in_every_direction() -> None:
-    narrow = ((1.0, 0.9999), (0.9999, 1.0))
-    lifted = np.array(floored(narrow, 0.5))
-    values = np.linalg.eigvalsh(lifted)
-    assert values[0] == pytest.approx(0.25)
-    assert values[1] == pytest.approx(1.9999)
-    assert lifted[0, 1] == lifted[1, 0]
-
-
-@given(st.floats(0.01, 100), st.floats(0.01, 100), st.floats(-1.5, 1.5), st.floats(0.0, 20))
-def test_the_floor_lifts_the_eigenvalues_and_keeps_their_axes(nn: float, ee: float, correlation: float, least_m: float) -> None:
-    ne = correlation * (nn * ee) ** 0.5
-    values, axes = np.linalg.eigh(np.array([[nn, ne], [ne, ee]]))
-    expected = axes @ np.diag(np.maximum(values, least_m**2)) @ axes.T
-    np.testing.assert_allclose(floored(((nn, ne), (ne, ee)), least_m), expected, rtol=1e-9, atol=1e-9)
 
 
 def test_where_all_fixes_are_right_it_is_the_radius_of_a_gaussian() -> None:

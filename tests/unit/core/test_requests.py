@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.core.requests import (
     FrameQueue,
     as_wide_as,

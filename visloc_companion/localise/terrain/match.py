@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from visloc_companion.core.integrity import largest_sigma_m
+from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.errors import Reason
 from visloc_companion.localise.posterior import posterior
 from visloc_companion.localise.search import NO_SCORE

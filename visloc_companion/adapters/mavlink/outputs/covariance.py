@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from visloc_companion.core.integrity import floored, largest_sigma_m
+from visloc_companion.core.covariance import floored, largest_sigma_m
 from visloc_companion.types import AutopilotKind, Cov2, Injection
 
 MIN_SIGMA_M, MAX_SIGMA_M = 0.01, 1000.0
