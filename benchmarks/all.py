@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tempfile
 
-from benchmarks.cases import SHARED
+from benchmarks.image_cases.cases import SHARED
 
 
 def main() -> None:

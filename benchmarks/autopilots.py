@@ -22,10 +22,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks.autopilots_built_in import built_in_p95_m
-from benchmarks.autopilots_table import DOCS, ROWS, Row, read_rows, row_path, table, written
+from benchmarks.pages.autopilots_table import DOCS, ROWS, Row, read_rows, row_path, table, written
 from visloc_companion.errors import ConfigError, VislocError
-from visloc_companion.evaluate.real_flight import checks, real_figures
-from visloc_companion.evaluate.real_world import over_its_world
+from visloc_companion.evaluate.real.real_flight import checks, real_figures
+from visloc_companion.evaluate.real.real_world import over_its_world
 from visloc_companion.sim.real.apart import fly_apart
 from visloc_companion.sim.real.programs import Simulator, find_program
 from visloc_companion.sim.real.scenarios import NAMES, cannot_fly, real_scenario

@@ -15,14 +15,14 @@ from typing import cast
 
 import numpy as np
 
-from benchmarks.autopilots_table import DOCS, ROWS, Row, read_rows, row_path, written
+from benchmarks.pages.autopilots_table import DOCS, ROWS, Row, read_rows, row_path, written
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.app.settings import core_settings
 from visloc_companion.config import Config
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.errors import Reason
-from visloc_companion.evaluate.real_world import over_its_world
+from visloc_companion.evaluate.real.real_world import over_its_world
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim import faults
@@ -31,14 +31,14 @@ from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.faults import FaultSchedule
 from visloc_companion.sim.faults.camera import FramesLate
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes
-from visloc_companion.sim.imu import NOISY
 from visloc_companion.sim.real.lives import flight_config
 from visloc_companion.sim.real.oracle import HEIGHT_SIGMA_M, METHOD, MotionSeen, OracleSettings, answered_height
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.rendered import opened
 from visloc_companion.sim.real.scenario import RealScenario
 from visloc_companion.sim.real.scenarios import real_scenario
-from visloc_companion.sim.vehicle_model import ARDUPILOT_SITL, PX4_SIH, Drag, VehicleModel
+from visloc_companion.sim.vehicles.imu import NOISY
+from visloc_companion.sim.vehicles.vehicle_model import ARDUPILOT_SITL, PX4_SIH, Drag, VehicleModel
 from visloc_companion.types import AutopilotKind, EkfSource, Fix, GeoPoint, Image, LocaliseRequest, NoFix, Quat, SourceSwitched
 
 WIND_NED_MPS, CALM = (2.0, -4.0, 0.0), (0.0, 0.0, 0.0)

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from benchmarks.answers import RENDERED, UNSTATED, WEIGHTS, Judged, answers, code_digest, judged_anew
-from benchmarks.training_sets import FAMILIES, MADE, SETS
-from visloc_companion.evaluate.image_metrics import CaseError, CaseResult, case_error
+from benchmarks.image_cases.answers import RENDERED, UNSTATED, WEIGHTS, Judged, answers, code_digest, judged_anew
+from benchmarks.image_cases.training_sets import FAMILIES, MADE, SETS
+from visloc_companion.evaluate.images.image_metrics import CaseError, CaseResult, case_error
 from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise import iclk, mutual_information
@@ -187,7 +187,7 @@ def _is_sample(error: CaseError | None) -> TypeGuard[CaseError]:
 
 
 def _not_otherwise_wrong(evidence: Evidence, numbers: dict[str, float]) -> float:
-    """What the logistic function is multiplied by in flight (localise/looks.py)."""
+    """What the logistic function is multiplied by in flight (localise/candidates/looks.py)."""
     return near_enough(evidence) * numbers["share"] * numbers["votes"]
 
 

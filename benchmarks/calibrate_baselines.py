@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 
 from benchmarks.calibrate import fit_logistic
-from benchmarks.cases import TRAINING_ROWS, CaseSet, make
+from benchmarks.image_cases.cases import TRAINING_ROWS, CaseSet, make
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_cases, read_frame, read_truth
-from visloc_companion.evaluate.image_metrics import CaseError, CaseResult, case_error
+from visloc_companion.evaluate.images.image_metrics import CaseError, CaseResult, case_error
 from visloc_companion.localise import iclk, mutual_information
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT

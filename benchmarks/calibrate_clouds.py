@@ -1,10 +1,10 @@
 """Fit what registration claims: `python -m benchmarks.calibrate_clouds CLOUDS WORK [--method NAME] [--n N] [--seeds ...]`.
 
-On four places of CLOUDS (`benchmarks.cloud_cases.FITTED`), both levels; the same with a thinned reference; sources on the
-reference of another of these places, where there is no right answer; made clouds without information
-(`benchmarks/bare_clouds.py`); and the procedural landscape (`benchmarks/cloud_landscape.py`), also on other ground. Prints the
-logistic weights of `probability_wrong`, what they say of each place and world when fitted on the others, and the ratio of errors
-to claimed sigmas.
+On four places of CLOUDS (`benchmarks.cloud_sets.cloud_cases.FITTED`), both levels; the same with a thinned reference; sources on
+the reference of another of these places, where there is no right answer; made clouds without information
+(`benchmarks/cloud_sets/bare_clouds.py`); and the procedural landscape (`benchmarks/cloud_sets/cloud_landscape.py`), also on other
+ground. Prints the logistic weights of `probability_wrong`, what they say of each place and world when fitted on the others, and
+the ratio of errors to claimed sigmas.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from benchmarks.bare_clouds import write_bare_clouds
-from benchmarks.cloud_answers import CloudAnswer, answer_of
-from benchmarks.cloud_cases import FITTED, LEVELS, SPARSE, CloudCase, elsewhere, make, read, thinned
-from benchmarks.cloud_landscape import training_cases
+from benchmarks.cloud_sets.bare_clouds import write_bare_clouds
+from benchmarks.cloud_sets.cloud_answers import CloudAnswer, answer_of
+from benchmarks.cloud_sets.cloud_cases import FITTED, LEVELS, SPARSE, CloudCase, elsewhere, make, read, thinned
+from benchmarks.cloud_sets.cloud_landscape import training_cases
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise.registration.claims import at_least, regressors
 from visloc_companion.localise.registration.evidence import Evidence

@@ -26,9 +26,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.camera_time_world import MODEL, Flight, flight_of
+from benchmarks.worlds.camera_time_world import MODEL, Flight, flight_of
 from visloc_companion.core.attitude import AttitudeBuffer
-from visloc_companion.core.camera_time import SURE_S, CameraTime
+from visloc_companion.core.camera.camera_time import SURE_S, CameraTime
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.localise.odometry.rotation import TurnWatch
 from visloc_companion.types import FloatArray, FrameRef, Turn

@@ -24,7 +24,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from benchmarks.camera_time_world import HEIGHT_M, WIND_NED_MPS, mission
+from benchmarks.worlds.camera_time_world import HEIGHT_M, WIND_NED_MPS, mission
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.app.settings import core_settings
@@ -40,7 +40,7 @@ from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.faults import FaultSchedule, FramesLate, jam
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight
 from visloc_companion.sim.flight_log import Eyes
-from visloc_companion.sim.render_motion import STILL, Shot
+from visloc_companion.sim.rendering.render_motion import STILL, Shot
 from visloc_companion.types import (
     AutopilotKind,
     CameraModel,

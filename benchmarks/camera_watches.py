@@ -25,23 +25,23 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.claims import claimed
-from visloc_companion.core import fusion
-from visloc_companion.core.aim import Aim
+from benchmarks.flown.claims import claimed
 from visloc_companion.core.attitude import AttitudeBuffer
-from visloc_companion.core.belief import Position, seeded
-from visloc_companion.core.boresight import Boresight
-from visloc_companion.core.camera_time import CameraTime
-from visloc_companion.core.distortion_watch import DistortionWatch
-from visloc_companion.core.fix_height_watch import FixHeightWatch
-from visloc_companion.core.lasting import apart_m
-from visloc_companion.core.lens_watch import LensSwings, LensWatch
-from visloc_companion.core.mount_watch import MountWatch
-from visloc_companion.core.propagation import Drive
-from visloc_companion.core.scale_drift import SURE, ScaleDrift, Sight
+from visloc_companion.core.camera.aim import Aim
+from visloc_companion.core.camera.boresight import Boresight
+from visloc_companion.core.camera.camera_time import CameraTime
+from visloc_companion.core.camera.distortion_watch import DistortionWatch
+from visloc_companion.core.camera.fix_height_watch import FixHeightWatch
+from visloc_companion.core.camera.lens_watch import LensSwings, LensWatch
+from visloc_companion.core.camera.mount_watch import MountWatch
+from visloc_companion.core.camera.scale_drift import SURE, ScaleDrift, Sight
+from visloc_companion.core.camera.zoom_ramp import NAMED_SHARE
+from visloc_companion.core.filter import fusion
+from visloc_companion.core.filter.belief import Position, seeded
+from visloc_companion.core.filter.lasting import apart_m
+from visloc_companion.core.filter.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.timesync import ClockOffset
-from visloc_companion.core.zoom_ramp import NAMED_SHARE
 from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import Fix, FloatArray, FrameRef, GeoPoint, LocaliseRequest, Notice, PosePrior, Quat, Turn
 

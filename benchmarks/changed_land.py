@@ -22,7 +22,7 @@ from visloc_companion.maps.raster import RasterMap
 from visloc_companion.sim.changes import Change, changed
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.sim.scenarios import SCENARIOS
 from visloc_companion.sim.scene import Scene
 

@@ -3,10 +3,10 @@
 The same sources and directions of error at every error (the half side of a square in which it is uniform), so that what is found
 at the smallest error and not at a larger one is lost to the distance, not to the place.
 
-`clouds`: sources of scenario A (N a place and level) in references of 1.8 km, at most two points a square metre, of their own
-and of mirrored ones of other cases (benchmarks/cloud_mosaic.py). `landscape`: the procedural landscape, two dates
-(benchmarks/cloud_landscape.py). Prints, for each error, the shares within 5 m and accepted, of the sources within 5 m at the
-smallest error the share still within 5 m, how many of the accepted are wrong, the area under the ROC curve of
+`clouds`: sources of scenario A (N a place and level) in references of 1.8 km, at most two points a square metre, of their own and
+of mirrored ones of other cases (benchmarks/cloud_sets/cloud_mosaic.py). `landscape`: the procedural landscape, two dates
+(benchmarks/cloud_sets/cloud_landscape.py). Prints, for each error, the shares within 5 m and accepted, of the sources within 5 m
+at the smallest error the share still within 5 m, how many of the accepted are wrong, the area under the ROC curve of
 `probability_wrong`, the median error, CPU time and the process's peak of memory.
 """
 
@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cloud_answers import answer_of
-from benchmarks.cloud_cases import BLANK, LEVELS, CloudCase, make, read
-from benchmarks.cloud_landscape import SOURCE_M, LandscapeWorld
-from benchmarks.cloud_mosaic import displaced, mosaic
+from benchmarks.cloud_sets.cloud_answers import answer_of
+from benchmarks.cloud_sets.cloud_cases import BLANK, LEVELS, CloudCase, make, read
+from benchmarks.cloud_sets.cloud_landscape import SOURCE_M, LandscapeWorld
+from benchmarks.cloud_sets.cloud_mosaic import displaced, mosaic
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise.registration.pair import SIGMAS
 from visloc_companion.localise.registration.registry import DEFAULT_MAX_PROBABILITY_WRONG, make_registration

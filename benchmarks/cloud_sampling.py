@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.cloud_answers import CloudAnswer, answer_of
-from benchmarks.cloud_cases import BLANK, Array, CloudCase, make, read
+from benchmarks.cloud_sets.cloud_answers import CloudAnswer, answer_of
+from benchmarks.cloud_sets.cloud_cases import BLANK, Array, CloudCase, make, read
 from visloc_companion.evaluate.protection import horizontal_bound_m
 from visloc_companion.localise.registration.registry import DEFAULT_MAX_PROBABILITY_WRONG, make_registration
 

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.bare_clouds import write_bare_clouds
-from benchmarks.cloud_answers import FAR_M, WRONG_M, CloudAnswer, answer_of
-from benchmarks.cloud_cases import BLANK, FITTED, LEVELS, CloudCase, foreign, make, read
+from benchmarks.cloud_sets.bare_clouds import write_bare_clouds
+from benchmarks.cloud_sets.cloud_answers import FAR_M, WRONG_M, CloudAnswer, answer_of
+from benchmarks.cloud_sets.cloud_cases import BLANK, FITTED, LEVELS, CloudCase, foreign, make, read
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise.registration.registry import DEFAULT_MAX_PROBABILITY_WRONG, METHODS, make_registration
 

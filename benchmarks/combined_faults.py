@@ -19,9 +19,9 @@ from random import Random
 
 import numpy as np
 
-from benchmarks.combined_faults_eyes import FaultyEyes, Spell
 from benchmarks.consistency import FRAME_RATE_HZ, HOME, over_hills, pilot_of
-from benchmarks.consistency_eyes import EyesModel
+from benchmarks.flown.combined_faults_eyes import FaultyEyes, Spell
+from benchmarks.flown.consistency_eyes import EyesModel
 from visloc_companion.app.journal import Entry
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
 from visloc_companion.geo import wgs84

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.consistency_eyes import EyesModel, KnowingEyes
+from benchmarks.flown.consistency_eyes import EyesModel, KnowingEyes
 from visloc_companion.adapters.mavlink.session import MavlinkSession
 from visloc_companion.adapters.mavlink.settings import SessionSettings
 from visloc_companion.app.journal import Entry

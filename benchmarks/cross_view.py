@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.answers import Judged, answers, code_digest
 from benchmarks.calibrate import fit_logistic
-from benchmarks.cross_view_cases import FIT, SETS
+from benchmarks.image_cases.answers import Judged, answers, code_digest
+from benchmarks.image_cases.cross_view_cases import FIT, SETS
 from visloc_companion.evaluate.cases import BadCase, read_cases
-from visloc_companion.evaluate.image_metrics import CaseError, CaseResult, case_error
+from visloc_companion.evaluate.images.image_metrics import CaseError, CaseResult, case_error
 from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.evaluate.reliability import excess_sigmas
 from visloc_companion.geo.wgs84 import ned_from_geo

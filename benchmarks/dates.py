@@ -2,7 +2,7 @@
 
 Frames of ../shared/data/naip, each localised over packs of other years: the year after the frame's (the last one's is the first)
 and so many of those that follow; never the frame's own. Sets are those of `benchmarks.table` (rows >= 400), with `--training`
-those of `benchmarks.training_sets` (rows < 400). FOLDER keeps cases, packs and answers.
+those of `benchmarks.image_cases.training_sets` (rows < 400). FOLDER keeps cases, packs and answers.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks import sets, training_sets
-from benchmarks.answers import UNSTATED, answers, code_digest
-from benchmarks.cases import read_table, write_tables
+from benchmarks.image_cases import sets, training_sets
+from benchmarks.image_cases.answers import UNSTATED, answers, code_digest
+from benchmarks.image_cases.cases import read_table, write_tables
 from benchmarks.table import figure, figures, share
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.shipped import shipped_networks

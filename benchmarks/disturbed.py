@@ -20,11 +20,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.disturbances import KINDS, Disturber, Taken
+from benchmarks.flown.disturbances import KINDS, Disturber, Taken
 from visloc_companion.app.journal import read_journal
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.evaluate.closed_loop import FlightWorld
-from visloc_companion.evaluate.demo_processes import fly_processes, journal_of, require_ours
+from visloc_companion.evaluate.demonstration.demo_processes import fly_processes, journal_of, require_ours
 from visloc_companion.evaluate.expected import error_over_level
 from visloc_companion.evaluate.metrics import error_figures
 from visloc_companion.evaluate.record import FlightRecord, from_entries

@@ -2,12 +2,12 @@
 
     python -m benchmarks.error_budget [--vehicles copter plane] [--seeds 3] [--seeds-with-pictures 2] [--predicted] [--json FILE]
 
-Predicted: evaluate/error_budget.py. Achieved: the same flight in closed loop (benchmarks/error_budget_flights.py) clean and with
-one source switched on, at its 1-sigma: map moved, frames stamped late, the matching's noise as fixes claim it, the compass off;
-with pictures the lens longer or shorter and the camera tilted either way. The difference (or half of that between the two ways)
-is the term: of a constant source its mean (over the ground, or over the body, in which it is constant), of the others its root
-mean square. `propagation` is the clean flight's own error. `all`: every source drawn at random, errors of all outputs against the
-truth. Seconds 55 to 115, GNSS jammed from 40.
+Predicted: evaluate/error_budget.py. Achieved: the same flight in closed loop (benchmarks/flown/error_budget_flights.py) clean and
+with one source switched on, at its 1-sigma: map moved, frames stamped late, the matching's noise as fixes claim it, the compass
+off; with pictures the lens longer or shorter and the camera tilted either way. The difference (or half of that between the two
+ways) is the term: of a constant source its mean (over the ground, or over the body, in which it is constant), of the others its
+root mean square. `propagation` is the clean flight's own error. `all`: every source drawn at random, errors of all outputs
+against the truth. Seconds 55 to 115, GNSS jammed from 40.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.error_budget_flights import (
+from benchmarks.flown.error_budget_flights import (
     HEIGHT_M,
     JAM_S,
     LATENCY_S,
@@ -31,7 +31,7 @@ from benchmarks.error_budget_flights import (
     with_pictures,
     without_pictures,
 )
-from visloc_companion.core.camera_time import SURE_S
+from visloc_companion.core.camera.camera_time import SURE_S
 from visloc_companion.core.integrity import HEIGHT_SHARE
 from visloc_companion.core.requests import SIGMA_YAW_RAD
 from visloc_companion.core.settings import CoreSettings

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.landscape_cases import Worlds, write_landscape
-from benchmarks.tilt_cases import without_model
+from benchmarks.image_cases.landscape_cases import Worlds, write_landscape
+from benchmarks.image_cases.tilt_cases import without_model
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_cases, read_truth
-from visloc_companion.evaluate.image import run_case
-from visloc_companion.evaluate.image_metrics import CaseError, case_error
-from visloc_companion.evaluate.map_sigma import MapSigma
+from visloc_companion.evaluate.images.image import run_case
+from visloc_companion.evaluate.images.image_metrics import CaseError, case_error
+from visloc_companion.evaluate.images.map_sigma import MapSigma
 from visloc_companion.geo.se3 import quat_from_euler, quat_from_vector, quat_multiply
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.types import GeoPoint

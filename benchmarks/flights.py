@@ -24,8 +24,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.cases import SHARED
 from benchmarks.dates import dates_from
+from benchmarks.image_cases.cases import SHARED
 from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.evaluate.campaign import FlightSpec, campaign_specs, find_scenario, fly_spec, result_of
 from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, fault_intervals

@@ -21,12 +21,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.answers import answers, code_digest
-from benchmarks.cases import SHARED, maker
-from benchmarks.frames import georeference, pix_of
-from benchmarks.sets import SCORED_ROWS, SETS
-from benchmarks.shift import REACH_PX, shift_px
-from visloc_companion.evaluate.image_metrics import case_error
+from benchmarks.image_cases.answers import answers, code_digest
+from benchmarks.image_cases.cases import SHARED, maker
+from benchmarks.image_cases.frames import georeference, pix_of
+from benchmarks.image_cases.sets import SCORED_ROWS, SETS
+from benchmarks.image_cases.shift import REACH_PX, shift_px
+from visloc_companion.evaluate.images.image_metrics import case_error
 from visloc_companion.localise.features.gradient import gradient_features
 
 SIDE_PX, SPACING_PX = 173, 80

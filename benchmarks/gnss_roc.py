@@ -3,7 +3,7 @@
 python -m benchmarks.gnss_roc OUT [--scale 1.0]    (OUT/gnss_roc.json, OUT/gnss_roc.svg; tables on the output)
 
 Training seeds (below 10,000) fit the threshold of the sequential tests to one false alarm in 10 h; all other figures are of
-other seeds with the settings that ship. Flights: benchmarks/gnss_flights.py. No pictures, no filter: the monitor alone.
+other seeds with the settings that ship. Flights: benchmarks/gnss_runs/gnss_flights.py. No pictures, no filter: the monitor alone.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.gnss_attacks import ATTACK_SEED, Attack, attacks
-from benchmarks.gnss_flights import FIX_S, PERIOD_S, Flight, Moment, World
-from benchmarks.gnss_plot import pulled_svg
+from benchmarks.gnss_runs.gnss_attacks import ATTACK_SEED, Attack, attacks
+from benchmarks.gnss_runs.gnss_flights import FIX_S, PERIOD_S, Flight, Moment, World
+from benchmarks.pages.gnss_plot import pulled_svg
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.settings import GnssSettings
 from visloc_companion.sim import faults

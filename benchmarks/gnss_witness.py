@@ -1,4 +1,4 @@
-"""What it costs, and what it saves, that all fixes over one ground are one witness against GNSS (core/gnss_witness.py).
+"""What it costs and saves that all fixes over one ground are one witness against GNSS (core/satellites/gnss_witness.py).
 
 python -m benchmarks.gnss_witness [--claim 0.01] [--clean 16] [--drags 100] [--speeds 3 20] [--thresholds 9 10.5 14 18]
 
@@ -17,8 +17,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.gnss_flights import Flight, World
 from benchmarks.gnss_roc import CLEAN_S, SCORE_SEED, Series, alarms, quantiles, statistics_of
+from benchmarks.gnss_runs.gnss_flights import Flight, World
 from visloc_companion.sim import faults
 from visloc_companion.sim.faults import FaultSchedule
 

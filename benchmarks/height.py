@@ -1,10 +1,10 @@
 """Does the vertical protection level hold? `python -m benchmarks.height [--flights N] [--seed N] [--speed MPS] [--kinds K ...]`.
 
-Flights of the filter of the autopilot's height alone (core/height.py): a barometer that is off at the start, walks, stretches
-climbs, and in half of the flights drifts away by 20 m or jumps by as much; image fixes twice a second and a structure fix every
-five seconds, whose heights have an error of the map in common and share the localiser's prior; of what image fixes get wrong
-besides a share (`--in-common`) lasts while the same ground is in view. They are wrong as often as they claim, by anything up to
-40 m, and then stay wrong in the same way over the same ground (same_ground.py): at `--speed 0` for the whole flight.
+Flights of the filter of the autopilot's height alone (core/heights/height.py): a barometer that is off at the start, walks,
+stretches climbs, and in half of the flights drifts away by 20 m or jumps by as much; image fixes twice a second and a structure
+fix every five seconds, whose heights have an error of the map in common and share the localiser's prior; of what image fixes get
+wrong besides a share (`--in-common`) lasts while the same ground is in view. They are wrong as often as they claim, by anything
+up to 40 m, and then stay wrong in the same way over the same ground (same_ground.py): at `--speed 0` for the whole flight.
 
 Prints for each kind of flight: epochs (every half second), fixes, wrong ones, misleading epochs (the stated height errs by more
 than its level), hazardously misleading ones (beyond the alert limit, the level not), availability, medians of error and level,
@@ -20,12 +20,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from benchmarks.same_ground import Match, lasts_m
-from visloc_companion.core.height import OVER_CLAIM, HeightFilter, HeightFix, news_of
-from visloc_companion.core.lasting import apart_m
+from benchmarks.flown.same_ground import Match, lasts_m
+from visloc_companion.core.filter.lasting import apart_m
+from visloc_companion.core.filter.votes import spacing_m
+from visloc_companion.core.heights.height import OVER_CLAIM, HeightFilter, HeightFix, news_of
 from visloc_companion.core.requests import height_sigma_m, least_height_sigma_m
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.core.votes import spacing_m
 
 STEP_S, DURATION_S = 0.5, 300.0
 HEIGHT_M, CLIMB_M, CLIMB_PERIOD_S = 100.0, 40.0, 150.0

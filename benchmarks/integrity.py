@@ -23,15 +23,15 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.claims import claimed
-from benchmarks.integrity_kinds import ODOMETRY, VOTES, Flight, Tally, Vote
-from benchmarks.same_ground import Match, anywhere_m, lasts_m
-from visloc_companion.core.belief import seeded
+from benchmarks.flown.claims import claimed
+from benchmarks.flown.integrity_kinds import ODOMETRY, VOTES, Flight, Tally, Vote
+from benchmarks.flown.same_ground import Match, anywhere_m, lasts_m
 from visloc_companion.core.covariance import largest_sigma_m
-from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
+from visloc_companion.core.filter.belief import seeded
+from visloc_companion.core.filter.driving import Velocity
+from visloc_companion.core.filter.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive
 from visloc_companion.core.odometry_aiding import OdometryAiding
-from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.sim.odometry_model import OdometryModel

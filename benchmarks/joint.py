@@ -19,18 +19,18 @@ import numpy as np
 import pyproj
 from numpy.typing import NDArray
 
-from benchmarks.cases import SHARED, maker
+from benchmarks.image_cases.cases import SHARED, maker
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.localise.answer import Stopwatch
+from visloc_companion.localise.candidates.pyramid import view
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.iclk import aligned
 from visloc_companion.localise.joint import JointFrame, JointResult, RelativePose, joint_alignment
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, make_plan
-from visloc_companion.localise.pyramid import view
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.types import CameraModel, GeoPoint, PosePrior

@@ -29,9 +29,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.kidnapped_flight import KidnappedFlight, Outcome
-from benchmarks.kidnapped_worlds import ALLOWED_M, IMPOSSIBLE, SOLVABLE, WITHIN_S, Course, courses_of, way_of
-from benchmarks.pace import Pace
+from benchmarks.flown.kidnapped_flight import KidnappedFlight, Outcome
+from benchmarks.machine.pace import Pace
+from benchmarks.worlds.kidnapped_worlds import ALLOWED_M, IMPOSSIBLE, SOLVABLE, WITHIN_S, Course, courses_of, way_of
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import NetworkChoice

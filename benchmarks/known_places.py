@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import sets, training_sets
-from benchmarks.answers import UNSTATED, Judged, answers, code_digest
-from benchmarks.cases import read_table, write_tables
-from benchmarks.sets import MAP_SIGMAS
+from benchmarks.image_cases import sets, training_sets
+from benchmarks.image_cases.answers import UNSTATED, Judged, answers, code_digest
+from benchmarks.image_cases.cases import read_table, write_tables
+from benchmarks.image_cases.sets import MAP_SIGMAS
 from benchmarks.table import figure, share
-from visloc_companion.evaluate.image import MAX_PROBABILITY_WRONG
-from visloc_companion.evaluate.image_metrics import case_error
+from visloc_companion.evaluate.images.image import MAX_PROBABILITY_WRONG
+from visloc_companion.evaluate.images.image_metrics import case_error
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.types import GeoPoint

@@ -28,7 +28,7 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import procedural_world
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, Fix, FrameRef, GeoPoint, Image, LocaliseRequest, PosePrior
 

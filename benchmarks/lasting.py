@@ -4,12 +4,12 @@
         [--anew] [--without-turns] [--wander-deg 0.3] [--wander-s 20]
 
 A vehicle flies up to LEG_M of each of the first LEGS legs of the scenarios' loop over procedural worlds, 120 m above home; the
-camera shows one date, the map is of another, years before. A frame every STEP_M, of an attitude that wavers; the prior errs by
-2 m in each frame, its heading and height by what lasts for a leg, its tilt by that of the mounting, which stays, and of the
-autopilot, which wanders; what fixes and turns tell of both is kept as in the daemon (core/tilt_memory.py), with --anew it is not.
-The filter takes SHARE (core/lasting.py) of the variance that fixes claim for common to those of some seconds; here is what
-they have in common, as a share of what they claim. With --fixes the errors are added to a file, and all that are in it are
-counted.
+camera shows one date, the map is of another, years before. A frame every STEP_M, of an attitude that wavers; the prior errs by 2
+m in each frame, its heading and height by what lasts for a leg, its tilt by that of the mounting, which stays, and of the
+autopilot, which wanders; what fixes and turns tell of both is kept as in the daemon (core/camera/tilt_memory.py), with --anew it
+is not. The filter takes SHARE (core/filter/lasting.py) of the variance that fixes claim for common to those of some seconds; here
+is what they have in common, as a share of what they claim. With --fixes the errors are added to a file, and all that are in it
+are counted.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.scenario_page import table
+from benchmarks.pages.scenario_page import table
 from benchmarks.scenarios import Worlds
 from visloc_companion.config import DEFAULT_METHOD
-from visloc_companion.core.tilt_memory import TiltMemory
+from visloc_companion.core.camera.tilt_memory import TiltMemory
 from visloc_companion.evaluate.closed_loop import eyes_over
 from visloc_companion.geo.se3 import quat_from_euler, quat_from_vector, quat_multiply
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo

@@ -23,26 +23,26 @@ import cv2
 import numpy as np
 
 from benchmarks.landscape import MODEL, localiser_of
-from benchmarks.scenario_page import table
+from benchmarks.pages.scenario_page import table
 from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler, quat_from_vector, quat_multiply
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
-from visloc_companion.localise import block_pose
+from visloc_companion.localise.candidates import block_pose
+from visloc_companion.localise.mapped.surface_error import height_covariance
 from visloc_companion.localise.ortho_rectify import MapGrid
-from visloc_companion.localise.surface_error import height_covariance
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import procedural_world
 from visloc_companion.protocols import Localiser
+from visloc_companion.sim.land.landscape_grid import Grid
+from visloc_companion.sim.land.landscape_noise import Raster
+from visloc_companion.sim.land.landscape_plan import make_plan
+from visloc_companion.sim.land.landscape_terrain import terrain
+from visloc_companion.sim.land.season import FLIGHT, MAP
 from visloc_companion.sim.landscape import build_landscape
-from visloc_companion.sim.landscape_grid import Grid
-from visloc_companion.sim.landscape_noise import Raster
-from visloc_companion.sim.landscape_plan import make_plan
-from visloc_companion.sim.landscape_terrain import terrain
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
-from visloc_companion.sim.season import FLIGHT, MAP
 from visloc_companion.types import Fix, FloatArray, FrameRef, GeoPoint, Image, LocaliseRequest, PosePrior, Quat
 
 SIZE_M, GSD_M = 1000.0, 0.5

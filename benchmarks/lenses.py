@@ -22,7 +22,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from benchmarks.scenario_page import table
+from benchmarks.pages.scenario_page import table
 from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.geo.se3 import quat_from_euler, quat_from_vector, quat_multiply
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
@@ -33,7 +33,7 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import procedural_world
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, Fix, FloatArray, FrameRef, GeoPoint, LocaliseRequest, PosePrior, Quat
 

@@ -21,8 +21,8 @@ from typing import Any, cast
 import cv2
 import numpy as np
 
-from benchmarks.cases import SHARED
 from benchmarks.flights import CAMERA_YEAR, MAP_YEAR
+from benchmarks.image_cases.cases import SHARED
 from visloc_companion.evaluate.closed_loop import ALERT_LIMIT_M, FlightWorld, FlownScenario, fly
 from visloc_companion.evaluate.report import write_flight_report
 from visloc_companion.localise.features.onnx import open_features

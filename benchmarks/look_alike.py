@@ -4,10 +4,11 @@
         [--pictures FOLDER]
 
 A vehicle comes back to where it can see, its position known to SIGMA_M, and flies straight at SPEED_MPS, HEIGHT_M above flat
-ground (benchmarks/look_alike_worlds.py); a frame every STEP_S. Dead reckoning errs by a constant velocity. For each flight the
-first fix is judged: `looks`, where a match is believed by its looks alone; `share`, where it is no likelier than its share of
-all places (localise/open_places.py); `tracks`, where hypotheses are carried on (core/open_tracks.py). The prior of a frame does
-not depend on which, for none of them has had a fix before. With --pictures the frames and the map with the places that are open.
+ground (benchmarks/worlds/look_alike_worlds.py); a frame every STEP_S. Dead reckoning errs by a constant velocity. For each flight
+the first fix is judged: `looks`, where a match is believed by its looks alone; `share`, where it is no likelier than its share of
+all places (localise/candidates/open_places.py); `tracks`, where hypotheses are carried on (core/places/open_tracks.py). The prior
+of a frame does not depend on which, for none of them has had a fix before. With --pictures the frames and the map with the places
+that are open.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.kidnapped_worlds import MODEL
-from benchmarks.look_alike_worlds import KINDS, Ground, ground_of
+from benchmarks.worlds.kidnapped_worlds import MODEL
+from benchmarks.worlds.look_alike_worlds import KINDS, Ground, ground_of
 from visloc_companion.config import DEFAULT_METHOD
-from visloc_companion.core.open_tracks import OpenTracks
+from visloc_companion.core.places.open_tracks import OpenTracks
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned, ned_from_geo
 from visloc_companion.localise.registry import make_localiser, open_features_for
@@ -33,7 +34,7 @@ from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.protocols import Localiser
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.types import Fix, FrameRef, GeoPoint, Image, LocaliseRequest, NoFix, PosePrior, Vec2
 
 NAMES = ("looks", "share", "tracks")

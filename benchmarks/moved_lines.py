@@ -32,7 +32,7 @@ from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.sim.changes import Change, changed
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, Fix, FrameRef, GeoPoint, Image, LocaliseRequest, PosePrior
 

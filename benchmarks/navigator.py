@@ -1,10 +1,10 @@
 """What the navigator costs: `python -m benchmarks.navigator [--minutes 10] [--good-gnss] [--gate] [--profile N]`.
 
 A flight of so many minutes, GNSS jammed for all but the first or (`--good-gnss`) for none of them
-(benchmarks/navigator_flight.py), is flown once event by event and then replayed from its journal. CPU time, as ratios to a fixed
-piece of work in the same run (prediction and update of a filter of four states in plain numpy), because absolute times depend on
-the machine and on who else uses it. `--profile` names the functions that take the most time, `--gate` ends with 1 where the mean
-is above 0.3 ms per event or an hour's replay above 20 s.
+(benchmarks/flown/navigator_flight.py), is flown once event by event and then replayed from its journal. CPU time, as ratios to a
+fixed piece of work in the same run (prediction and update of a filter of four states in plain numpy), because absolute times
+depend on the machine and on who else uses it. `--profile` names the functions that take the most time, `--gate` ends with 1 where
+the mean is above 0.3 ms per event or an hour's replay above 20 s.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.navigator_flight import JAMMED_S, Answers, events
+from benchmarks.flown.navigator_flight import JAMMED_S, Answers, events
 from visloc_companion.app.journal import Entry, JournalHeader, JournalWriter, read_journal
 from visloc_companion.app.replay import replay
 from visloc_companion.app.settings import core_settings

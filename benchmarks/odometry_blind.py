@@ -22,7 +22,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.odometry_world import MODEL, PERIOD_S, Errors, Flight, flight_of, sights
+from benchmarks.worlds.odometry_world import MODEL, PERIOD_S, Errors, Flight, flight_of, sights
 from visloc_companion.geo.camera import R_FRD_CAM, unproject
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.localise.flow import FrameToFrame

@@ -13,9 +13,9 @@ right place is missing for a stretch of ground now and then, and some frames tel
     outage     as blocks, with no answer for OUTAGE_S every so often
     changed    as blocks, the right place missing in half of all stretches
 
-`alone`: only frames that show one place (the behaviour without hypotheses); `tracks`: core/open_tracks.py, too. Flights, found
-and wrong, seconds until the first fix (median and 95 % of those that were found). The same flights for both; `resolved` counts
-those whose first fix came of hypotheses, and how many of them were wrong.
+`alone`: only frames that show one place (the behaviour without hypotheses); `tracks`: core/places/open_tracks.py, too. Flights,
+found and wrong, seconds until the first fix (median and 95 % of those that were found). The same flights for both; `resolved`
+counts those whose first fix came of hypotheses, and how many of them were wrong.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from visloc_companion.core.open_tracks import OpenTracks
+from visloc_companion.core.places.open_tracks import OpenTracks
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, FloatArray, FrameRef, GeoPoint, LocaliseRequest, NoFix, OpenPlace, PosePrior

@@ -36,22 +36,22 @@ from visloc_companion.evaluate.closed_loop import FlightWorld, simulated_config
 from visloc_companion.evaluate.record import FlightRecord, from_entries
 from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.geo.wgs84 import geo_from_ned
-from visloc_companion.localise.map_shape import OverPlane
-from visloc_companion.localise.surface_window import SurfaceWindow
-from visloc_companion.localise.with_motion import WithMotion
-from visloc_companion.localise.with_turn import WithTurn
+from visloc_companion.localise.around.map_shape import OverPlane
+from visloc_companion.localise.around.with_motion import WithMotion
+from visloc_companion.localise.around.with_turn import WithTurn
+from visloc_companion.localise.odometry.surface_window import SurfaceWindow
 from visloc_companion.maps.grid import Heights
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import procedural_world
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim import faults
 from visloc_companion.sim.flight import CLOCK_OFFSET_NS, ClosedLoopFlight, Eyes, FlightLog
-from visloc_companion.sim.rangefinder import Rangefinder
-from visloc_companion.sim.render_motion import STILL, Shot
+from visloc_companion.sim.rendering.render_motion import STILL, Shot
 from visloc_companion.sim.scenarios import Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.seen import SimulatedCamera, simulated_camera
 from visloc_companion.sim.setup import FlightSetup, VehicleKind
+from visloc_companion.sim.vehicles.rangefinder import Rangefinder
 from visloc_companion.types import AutopilotKind, CameraModel, Fix, GeoPoint, Image, LocaliseRequest, NoFix, Quat
 
 FLIGHTS = ("copter", "plane", "leaning", "drifting", "flat")

@@ -1,7 +1,7 @@
 """Fit which of several candidates is the place: `python -m benchmarks.rank FOLDER [--method NAME] [--n N] [--model DIR]`.
 
-Conditional logit over the refined candidates of training cases (benchmarks/training_sets.py; no test rows). Prints the weights
-of localise/ranking.py and how often the best candidate, and any candidate, is right.
+Conditional logit over the refined candidates of training cases (benchmarks/image_cases/training_sets.py; no test rows). Prints
+the weights of localise/candidates/ranking.py and how often the best candidate, and any candidate, is right.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.training_sets import SETS
+from benchmarks.image_cases.training_sets import SETS
 from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_cases, read_frame, read_truth
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.localise.answer import Stopwatch
+from visloc_companion.localise.candidates.matching import Task, find_candidates, refined_candidates, standing
+from visloc_companion.localise.candidates.ranking import DEEP_RANK, GRADIENT_RANK
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.features.onnx import open_features
 from visloc_companion.localise.frame import full_level
-from visloc_companion.localise.matching import Task, find_candidates, refined_candidates, standing
 from visloc_companion.localise.plan import SearchPlan, make_plan
-from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.types import GeoPoint

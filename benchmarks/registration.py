@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.cases import SHARED, maker
 from benchmarks.floor import SIGMAS_PX, Windows, closure_noise, dated_features, featured, grid_shifts
-from benchmarks.frames import whole_shift_px
+from benchmarks.image_cases.cases import SHARED, maker
+from benchmarks.image_cases.frames import whole_shift_px
 
 TRAINED_YEARS = ("2006", "2009", "2010", "2012")
 PAIR_GSD_M, NAIP_GSD_M = 1.0, 5.0

@@ -1,8 +1,8 @@
 """Does a wrong match say itself again? `python -m benchmarks.repeated FOLDER [--foots 40 48] [--n N] [--scored] [--jobs N]`.
 
-core/separation.py needs the probability that the next fix of a method errs with the last one, by how far the vehicle went on
-between them. Frames of ../shared/data/naip of one date are localised on the map of another, from so low that wrong matches occur.
-Where an answer is wrong (more than WRONG_PX off) and claims at most each of LIMITS, the vehicle goes on by a share of the
+core/filter/separation.py needs the probability that the next fix of a method errs with the last one, by how far the vehicle went
+on between them. Frames of ../shared/data/naip of one date are localised on the map of another, from so low that wrong matches
+occur. Where an answer is wrong (more than WRONG_PX off) and claims at most each of LIMITS, the vehicle goes on by a share of the
 footprint, in any direction, and looks again: noise and brightness are new, heading and height nearly the same, what the prior
 says wrong of them is as it was. The new prior lies where the wrong answer leads to, as a filter's does that took it. Counted is
 what the second answer says that claims no more than the limit: the same place again (within SAME_PX of where the first leads to),
@@ -24,9 +24,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.answers import UNSTATED, Judged, answers, code_digest
-from benchmarks.cases import SHARED, TEST_ROWS, TRAINING_ROWS, CaseSet, make, maker, read_table, write_tables
-from benchmarks.frames import georeference, lon_lat, pix_of, write_frame
+from benchmarks.image_cases.answers import UNSTATED, Judged, answers, code_digest
+from benchmarks.image_cases.cases import SHARED, TEST_ROWS, TRAINING_ROWS, CaseSet, make, maker, read_table, write_tables
+from benchmarks.image_cases.frames import georeference, lon_lat, pix_of, write_frame
 from benchmarks.table import share
 from visloc_companion.types import Fix, FloatArray
 

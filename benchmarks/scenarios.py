@@ -21,16 +21,16 @@ import cv2
 import numpy as np
 
 from benchmarks.lenses import LENSES, lens
-from benchmarks.scenario_page import LIMITS, RESULTS, limits_table, replaced, table
+from benchmarks.pages.scenario_page import LIMITS, RESULTS, limits_table, replaced, table
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
 from visloc_companion.evaluate.expected import error_over_level, relied_upon, taken_fixes
 from visloc_companion.evaluate.metrics import error_figures
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import ProceduralWorld, procedural_world, scene_on
+from visloc_companion.sim.land.season import Date
 from visloc_companion.sim.scenarios import SCENARIOS
 from visloc_companion.sim.scene import Scene
-from visloc_companion.sim.season import Date
 from visloc_companion.sim.setup import FlightSetup, VehicleKind
 from visloc_companion.types import AutopilotKind
 

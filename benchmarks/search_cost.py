@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from visloc_companion.localise.posterior import posterior
+from visloc_companion.localise.candidates.posterior import posterior
 from visloc_companion.localise.search import ScoreVolume, Template, search
 from visloc_companion.localise.spectra import Box
 

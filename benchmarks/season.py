@@ -35,7 +35,7 @@ from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import procedural_world, scene_on
 from visloc_companion.protocols import Localiser
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.sim.scenarios import SEASON_CHANGE
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightSetup

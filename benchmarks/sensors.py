@@ -3,10 +3,9 @@
     python -m benchmarks.sensors FOLDER [--n 40] [--foot 128] [--method deep] [--only grey ...] [--skip frames maps photos]
 
 Prints one markdown table. Its rows are the same `--n` sites, dates and priors with the camera or the map varied, and photographs
-of a town (benchmarks/sensor_cases.py, sensor_photos.py). FOLDER keeps cases and answers. Accepted are answers that claim at most
-5 % of being wrong, as by default. Far is off by more than 10 px (of 5 m, of 1 m for the photographs), or any answer where none is
-right.
-Errors and their ratio to the claim (root mean square, both axes) are those of the accepted and right.
+of a town (benchmarks/image_cases/sensor_cases.py, sensor_photos.py). FOLDER keeps cases and answers. Accepted are answers that
+claim at most 5 % of being wrong, as by default. Far is off by more than 10 px (of 5 m, of 1 m for the photographs), or any answer
+where none is right. Errors and their ratio to the claim (root mean square, both axes) are those of the accepted and right.
 """
 
 from __future__ import annotations
@@ -18,13 +17,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.answers import Judged, answers, code_digest
-from benchmarks.sensor_cases import SIZES, of_frames, of_maps
-from benchmarks.sensor_maps import MAPS
-from benchmarks.sensor_photos import PHOTOS, of_photos
-from benchmarks.sensor_variations import FRAMES
-from visloc_companion.evaluate.image import MAX_PROBABILITY_WRONG
-from visloc_companion.evaluate.image_metrics import accepted, case_error
+from benchmarks.image_cases.answers import Judged, answers, code_digest
+from benchmarks.image_cases.sensor_cases import SIZES, of_frames, of_maps
+from benchmarks.image_cases.sensor_maps import MAPS
+from benchmarks.image_cases.sensor_photos import PHOTOS, of_photos
+from benchmarks.image_cases.sensor_variations import FRAMES
+from visloc_companion.evaluate.images.image import MAX_PROBABILITY_WRONG
+from visloc_companion.evaluate.images.image_metrics import accepted, case_error
 from visloc_companion.localise.registry import METHODS
 
 COLUMNS = "varied", "n", "accepted, right", "accepted, far", "refused", "px mean", "error over sigma", "why refused"

@@ -2,8 +2,8 @@
 
 Absolute times depend on the machine and on who else uses it; the ratio to OpenCV's SIFT on the same frame (detection and
 description, one thread) does so much less. All run in turn on every frame, the medians are compared. Each method runs over a pack
-that holds its features, as in flight, and over the bare rasters, where the map's are computed for every frame. Wall
-times and memory of a worker (`benchmarks.worker_speed`) and the cost of the search alone (`benchmarks.search_cost`) follow.
+that holds its features, as in flight, and over the bare rasters, where the map's are computed for every frame. Wall times and
+memory of a worker (`benchmarks.machine.worker_speed`) and the cost of the search alone (`benchmarks.search_cost`) follow.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from benchmarks import search_cost, worker_speed
+from benchmarks import search_cost
 from benchmarks.landscape import cases, localiser_of
+from benchmarks.machine import worker_speed
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.prepare.world import procedural_world

@@ -28,7 +28,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.stereo_report import picture, table
-from benchmarks.stereo_world import COVERS, HEIGHT_M, MODEL, SIGMA_BASELINE_M, Flight, World, box_world, fly, landscape, ranged
+from benchmarks.worlds.stereo_world import (
+    COVERS,
+    HEIGHT_M,
+    MODEL,
+    SIGMA_BASELINE_M,
+    Flight,
+    World,
+    box_world,
+    fly,
+    landscape,
+    ranged,
+)
 from visloc_companion.localise.structure.base import LocalCloud, StereoSettings
 from visloc_companion.localise.structure.cloud import local_cloud
 from visloc_companion.types import FloatArray

@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.stereo_world import COVERS, Flight
+from benchmarks.worlds.stereo_world import COVERS, Flight
 from visloc_companion.localise.structure.base import LocalCloud
 from visloc_companion.types import FloatArray
 

@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.cases import TEST_ROWS, CaseSet, make
+from benchmarks.image_cases.cases import TEST_ROWS, CaseSet, make
 from visloc_companion.evaluate.cases import Case, Truth, read_cases, read_frame, read_truth
 from visloc_companion.geo.raster import compose_affine
 from visloc_companion.geo.wgs84 import distance_m

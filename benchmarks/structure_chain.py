@@ -38,11 +38,11 @@ from visloc_companion.maps.around import MAX_POINTS
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.raster import RasterMap
 from visloc_companion.protocols import Localiser
+from visloc_companion.sim.land.season import SNOW
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
-from visloc_companion.sim.season import SNOW
 from visloc_companion.types import CameraModel, Fix, FloatArray, FrameRef, GeoPoint, Image, LocaliseRequest, NoFix, PosePrior
 
 MODEL = CameraModel(640, 480, 425.5, 425.5, 319.5, 239.5, (-0.05, 0.01, 0.0, 0.0, 0.0))

@@ -20,7 +20,7 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.leaning import DATES, Row, cells, judged, opened, shots
-from benchmarks.scenario_page import table
+from benchmarks.pages.scenario_page import table
 from visloc_companion.localise import dense
 from visloc_companion.types import Fix, Sun
 

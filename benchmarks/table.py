@@ -1,11 +1,11 @@
 """The table of the image localisers: `python -m benchmarks.table FOLDER [--jobs N] [--methods ...] [--n N] [--model DIR]`.
 
-Makes the cases (`benchmarks/sets.py`: 500 a row, 1,300 of them without a right answer), lets every method answer all of them, and
-prints one row for each set and method, then the pooled figures of each method: reliability, refusals, and (with several families
-of places) what each family gives. FOLDER keeps the answers, which outlive changes of verify.py: a run that was broken off goes on
-where it was, `--n` takes the first so many cases of each set. `--model DIR` scores the network of that folder, e.g. one that was
-trained without a place. `--breakdown` prints the errors by year gap, season, cover and texture; `--report DIR` writes a page for
-each method with these, the reliability diagram and the worst cases; `--json FILE` the figures.
+Makes the cases (`benchmarks/image_cases/sets.py`: 500 a row, 1,300 of them without a right answer), lets every method answer all
+of them, and prints one row for each set and method, then the pooled figures of each method: reliability, refusals, and (with
+several families of places) what each family gives. FOLDER keeps the answers, which outlive changes of verify.py: a run that was
+broken off goes on where it was, `--n` takes the first so many cases of each set. `--model DIR` scores the network of that folder,
+e.g. one that was trained without a place. `--breakdown` prints the errors by year gap, season, cover and texture; `--report DIR`
+writes a page for each method with these, the reliability diagram and the worst cases; `--json FILE` the figures.
 
 Accuracy is that of all answers, however doubtful; accepted are those that claim at most `--limit-p`. Far is off by more than
 10 px of the map, or any answer where there is no right one.
@@ -18,13 +18,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from benchmarks.answers import UNSTATED, Judged, answers, code_digest, named
-from benchmarks.sets import FAMILIES, MAP_SIGMAS, NEGATIVE, PHOTOS, POSITIVE, SETS
+from benchmarks.image_cases.answers import UNSTATED, Judged, answers, code_digest, named
+from benchmarks.image_cases.sets import FAMILIES, MAP_SIGMAS, NEGATIVE, PHOTOS, POSITIVE, SETS
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases
-from visloc_companion.evaluate.image import MAX_PROBABILITY_WRONG, environment
-from visloc_companion.evaluate.image_breakdown import breakdown, grounds_under
-from visloc_companion.evaluate.image_metrics import accepted, claims, summarise
-from visloc_companion.evaluate.image_report import write_image_report
+from visloc_companion.evaluate.images.image import MAX_PROBABILITY_WRONG, environment
+from visloc_companion.evaluate.images.image_breakdown import breakdown, grounds_under
+from visloc_companion.evaluate.images.image_metrics import accepted, claims, summarise
+from visloc_companion.evaluate.images.image_report import write_image_report
 from visloc_companion.evaluate.reliability import reliability
 from visloc_companion.localise.registry import METHODS
 

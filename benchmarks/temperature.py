@@ -1,7 +1,7 @@
 """Fit the temperature of the search's posterior: `python -m benchmarks.temperature FOLDER [--method NAME] [--n N] [--jobs N]`.
 
-Maximum likelihood over training cases (localise/posterior.py). Prints the temperature times the footprint's side, which is
-`Fitted.temperature` of localise/dense.py, and the mass that the best mode claims against how often it is right.
+Maximum likelihood over training cases (localise/candidates/posterior.py). Prints the temperature times the footprint's side,
+which is `Fitted.temperature` of localise/dense.py, and the mass that the best mode claims against how often it is right.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.image_cases.training_sets import SETS
 from benchmarks.rank import RIGHT_PX, task_of
-from benchmarks.training_sets import SETS
 from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_cases, read_truth
-from visloc_companion.localise.hypotheses import region, search_box, search_window
-from visloc_companion.localise.posterior import KnownPosition, fit_temperature, posterior
-from visloc_companion.localise.window import cropped, map_grid
+from visloc_companion.localise.candidates.hypotheses import region, search_box, search_window
+from visloc_companion.localise.candidates.posterior import KnownPosition, fit_temperature, posterior
+from visloc_companion.localise.mapped.window import cropped, map_grid
 
 USED = ("low128", "low96", "low64", "low48", "pairs64", "land64")
 

@@ -1,9 +1,9 @@
 """Terrain-referenced navigation over 218 km: `python -m benchmarks.terrain [--seeds N] [--dem FILE]`.
 
-Each seed is a world of its own (benchmarks/terrain_world.py) and a flight over it; with --dem the ground is that model (GeoTIFF,
-metres). Every stretch of soundings counts, over lakes and plains as well, except where nothing came back at all. Matched:
-accepted and right (off by at most 20 m and 5 m in height, the published bounds). The constants are fitted on seeds 100 and
-101 (`benchmarks/terrain_fit.py`); seeds here begin at 1.
+Each seed is a world of its own (benchmarks/terrain_flights/terrain_world.py) and a flight over it; with --dem the ground is that
+model (GeoTIFF, metres). Every stretch of soundings counts, over lakes and plains as well, except where nothing came back at all.
+Matched: accepted and right (off by at most 20 m and 5 m in height, the published bounds). The constants are fitted on seeds 100
+and 101 (`benchmarks/terrain_fit.py`); seeds here begin at 1.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import terrain_converge
-from benchmarks.terrain_flight import DRIFTS, make_flight
-from benchmarks.terrain_run import Judged, Outcome, Run
-from benchmarks.terrain_world import CLASSES, World, elevation_model, make_world
+from benchmarks.terrain_flights.terrain_flight import DRIFTS, make_flight
+from benchmarks.terrain_flights.terrain_run import Judged, Outcome, Run
+from benchmarks.terrain_flights.terrain_world import CLASSES, World, elevation_model, make_world
 from visloc_companion.evaluate.protection import CHI2_95
 from visloc_companion.localise.terrain.base import Kind, TerrainFix
 from visloc_companion.localise.terrain.settings import TerrainSettings

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.terrain_flight import DRIFTS, SPEED_MPS, STEP_S, Flight, beam, make_flight
-from benchmarks.terrain_run import Run
-from benchmarks.terrain_world import World, elevation_model, make_world
+from benchmarks.terrain_flights.terrain_flight import DRIFTS, SPEED_MPS, STEP_S, Flight, beam, make_flight
+from benchmarks.terrain_flights.terrain_run import Run
+from benchmarks.terrain_flights.terrain_world import World, elevation_model, make_world
 from visloc_companion.localise.terrain.base import Kind, TerrainFix, TerrainPrior
 from visloc_companion.localise.terrain.elevation import ElevationMap
 from visloc_companion.localise.terrain.match import locate

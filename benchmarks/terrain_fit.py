@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.terrain_flight import DRIFTS, make_flight
-from benchmarks.terrain_run import Run
-from benchmarks.terrain_world import elevation_model, make_world
+from benchmarks.terrain_flights.terrain_flight import DRIFTS, make_flight
+from benchmarks.terrain_flights.terrain_run import Run
+from benchmarks.terrain_flights.terrain_world import elevation_model, make_world
 from visloc_companion.localise.terrain.base import Kind, NoTerrainFix, Soundings, TerrainFix, TerrainPrior
 from visloc_companion.localise.terrain.elevation import ElevationMap
 from visloc_companion.localise.terrain.match import locate

@@ -19,15 +19,15 @@ from visloc_companion.app.terrain import configured_terrain
 from visloc_companion.config import LocaliserConfig
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, InjectionSettings, NavigatorSettings
-from visloc_companion.core.terrain_aiding import METHOD
+from visloc_companion.core.terrain.terrain_aiding import METHOD
 from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim import faults
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.flight import ClosedLoopFlight, Eyes, FlightLog
-from visloc_companion.sim.rangefinder import Rangefinder
-from visloc_companion.sim.render_motion import STILL, Shot
+from visloc_companion.sim.rendering.render_motion import STILL, Shot
+from visloc_companion.sim.vehicles.rangefinder import Rangefinder
 from visloc_companion.testing.hills import HillyMap
 from visloc_companion.types import (
     AutopilotKind,

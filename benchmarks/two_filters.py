@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from visloc_companion.core.fusion import TILT_MPS2_PER_M
+from visloc_companion.core.filter.fusion import TILT_MPS2_PER_M
 from visloc_companion.core.output import stream_sigma_m
 from visloc_companion.types import FloatArray
 

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from visloc_companion.errors import Reason
-from visloc_companion.evaluate.cloud_metrics import CloudResult, cloud_error, summarise
-from visloc_companion.evaluate.cloud_report import write_cloud_report
+from visloc_companion.evaluate.clouds.cloud_metrics import CloudResult, cloud_error, summarise
+from visloc_companion.evaluate.clouds.cloud_report import write_cloud_report
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.report import write_flight_report
-from visloc_companion.evaluate.report_pictures import PicturePair, picture_section
-from visloc_companion.evaluate.report_style import CSS
+from visloc_companion.evaluate.reports.report_pictures import PicturePair, picture_section
+from visloc_companion.evaluate.reports.report_style import CSS
 from visloc_companion.localise.registration.base import Registered
 
 pytestmark = pytest.mark.browser

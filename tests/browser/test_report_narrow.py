@@ -11,10 +11,10 @@ import pytest
 from tests.browser.devtools import chromium_page
 from visloc_companion.errors import Reason
 from visloc_companion.evaluate.gate import Check
-from visloc_companion.evaluate.image_metrics import CaseResult
-from visloc_companion.evaluate.image_report import _cases_table
+from visloc_companion.evaluate.images.image_metrics import CaseResult
+from visloc_companion.evaluate.images.image_report import _cases_table
 from visloc_companion.evaluate.report import write_flight_report
-from visloc_companion.evaluate.report_parts import case_section, figures_table, html_page, sigma_scatter, tiles
+from visloc_companion.evaluate.reports.report_parts import case_section, figures_table, html_page, sigma_scatter, tiles
 
 pytestmark = pytest.mark.browser
 

@@ -10,9 +10,9 @@ import pytest
 
 from visloc_companion.adapters.logs.open import open_log
 from visloc_companion.core.attitude import AttitudeBuffer
-from visloc_companion.core.drag_velocity import WALK_PER_SQRT_S, DragLearner
-from visloc_companion.core.forces import MIN_HEIGHT_M, Forces, Second
-from visloc_companion.core.rotor_drag import WIND
+from visloc_companion.core.velocity.drag_velocity import WALK_PER_SQRT_S, DragLearner
+from visloc_companion.core.velocity.forces import MIN_HEIGHT_M, Forces, Second
+from visloc_companion.core.velocity.rotor_drag import WIND
 from visloc_companion.types import Attitude, FloatArray, Imu, PriorPose
 
 pytestmark = pytest.mark.shared

@@ -15,7 +15,7 @@ import pytest
 
 from tests.sitl.conftest import program_or_skip
 from visloc_companion.errors import ConfigError
-from visloc_companion.evaluate.real_flight import checks, real_figures
+from visloc_companion.evaluate.real.real_flight import checks, real_figures
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.scenarios import ORACLE, real_scenario
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pytest
 
-from visloc_companion.evaluate.real_flight import checks, real_figures
+from visloc_companion.evaluate.real.real_flight import checks, real_figures
 from visloc_companion.sim.real.programs import Simulator
 
 pytestmark = [pytest.mark.sitl, pytest.mark.timeout(900)]

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from visloc_companion.core import estimator, motion
-from visloc_companion.core.belief import Belief, seeded
-from visloc_companion.core.driving import Velocity
+from visloc_companion.core import estimator
 from visloc_companion.core.estimator import PositionFilter
-from visloc_companion.core.motion import Motion, learned
-from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive
+from visloc_companion.core.filter import motion
+from visloc_companion.core.filter.belief import Belief, seeded
+from visloc_companion.core.filter.driving import Velocity
+from visloc_companion.core.filter.motion import Motion, learned
+from visloc_companion.core.filter.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Fix, GeoPoint, Rejected, Vec2

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from benchmarks.combined_faults import Plan, flown
-from benchmarks.combined_faults_eyes import Spell
+from benchmarks.flown.combined_faults_eyes import Spell
 from visloc_companion.sim import faults
 from visloc_companion.sim.setup import VehicleKind
 

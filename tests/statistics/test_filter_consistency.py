@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from visloc_companion.core import fusion
-from visloc_companion.core.belief import seeded
-from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
-from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive
+from visloc_companion.core.filter import fusion
+from visloc_companion.core.filter.belief import seeded
+from visloc_companion.core.filter.driving import Velocity
+from visloc_companion.core.filter.propagation import INERTIAL_WALK_MPS_PER_SQRT_S, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from visloc_companion.core.drift import DriftTest
+from visloc_companion.core.satellites.drift import DriftTest
 from visloc_companion.core.settings import GnssSettings
 
 SETTINGS = GnssSettings()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from benchmarks.flown.integrity_kinds import Flight, Tally
 from benchmarks.integrity import flown
-from benchmarks.integrity_kinds import Flight, Tally
 from visloc_companion.core.settings import NavigatorSettings
 
 SETTINGS = replace(NavigatorSettings(), velocity_sigma_aiding_mps=0.2)

@@ -17,8 +17,8 @@ from rasterio.transform import Affine
 from visloc_companion.errors import Reason
 from visloc_companion.geo.raster import T_map_pix_from_gdal
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
+from visloc_companion.localise.around.freshness import FreshFramesOnly
 from visloc_companion.localise.features.network_input import RECIPE
-from visloc_companion.localise.freshness import FreshFramesOnly
 from visloc_companion.localise.model_folder import (
     InputSpec,
     ModelManifest,
@@ -35,7 +35,7 @@ from visloc_companion.protocols import ReferenceMap
 from visloc_companion.sim import faults
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.flight import Eyes
-from visloc_companion.sim.render_motion import STILL, Shot
+from visloc_companion.sim.rendering.render_motion import STILL, Shot
 from visloc_companion.sim.scenarios import FLIGHTS, SCENARIOS
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, Fix, FloatArray, GeoPoint, Image, LocaliseRequest, NoFix, Quat, Vec3

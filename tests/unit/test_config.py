@@ -8,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from visloc_companion.config import Config, load_config, parse_config
-from visloc_companion.core.relocalise import MEMORY
+from visloc_companion.core.filter.relocalise import MEMORY
 from visloc_companion.errors import ConfigError
 
 

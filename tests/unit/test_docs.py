@@ -11,17 +11,17 @@ from typing import Any
 import pytest
 import typer.main
 
-from benchmarks.scenario_page import END, LIMITS, limits_table
+from benchmarks.pages.scenario_page import END, LIMITS, limits_table
 from visloc_companion.app.settings import core_settings
 from visloc_companion.cli.main import app
 from visloc_companion.cli.map import MANY
 from visloc_companion.config import Config, load_config
 from visloc_companion.errors import ConfigError, Reason
 from visloc_companion.evaluate.cases import COLUMNS, TRUTH_COLUMNS
-from visloc_companion.evaluate.cloud_cases import CLOUD_FIELDS, GROWTH, SIGMA_FIELDS, TRUTH_FIELDS
+from visloc_companion.evaluate.clouds.cloud_cases import CLOUD_FIELDS, GROWTH, SIGMA_FIELDS, TRUTH_FIELDS
 from visloc_companion.evaluate.gate import parse_gate
-from visloc_companion.evaluate.image import POSE_FIELDS
-from visloc_companion.sim.autopilot_parameters import PREPARED
+from visloc_companion.evaluate.images.image import POSE_FIELDS
+from visloc_companion.sim.autopilots.autopilot_parameters import PREPARED
 from visloc_companion.types import AutopilotKind, Mode
 
 ROOT = Path(__file__).resolve().parents[2]

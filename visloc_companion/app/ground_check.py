@@ -1,7 +1,7 @@
 """Before arming: what does the map say of the place where GNSS puts the vehicle?
 
-The answer is an event for the navigator (core/gnss_map.py judges it). The map is opened in a thread, without its hashes (the
-start verifies them where it must), asked every few seconds while the vehicle is disarmed, and let go when it arms.
+The answer is an event for the navigator (core/satellites/gnss_map.py judges it). The map is opened in a thread, without its
+hashes (the start verifies them where it must), asked every few seconds while the vehicle is disarmed, and let go when it arms.
 """
 
 from __future__ import annotations

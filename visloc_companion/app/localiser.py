@@ -8,21 +8,21 @@ from functools import partial
 from visloc_companion.app.settings import network_choice
 from visloc_companion.config import LocaliserConfig
 from visloc_companion.geo.pinhole_view import pinhole_view
+from visloc_companion.localise.around.map_shape import OverPlane
+from visloc_companion.localise.around.rectified import behind_the_lens
+from visloc_companion.localise.around.rolling_shutter import Unrolled
+from visloc_companion.localise.around.still_picture import MovingFramesOnly
+from visloc_companion.localise.around.twice import CheckedTwice
+from visloc_companion.localise.around.with_motion import WithMotion
+from visloc_companion.localise.around.with_turn import WithTurn
+from visloc_companion.localise.around.zoomed import Zoomed
 from visloc_companion.localise.features.onnx import NetworkFeatures
 from visloc_companion.localise.flight import flight_localiser
-from visloc_companion.localise.map_light import MapLight
-from visloc_companion.localise.map_shape import OverPlane
+from visloc_companion.localise.mapped.map_light import MapLight
 from visloc_companion.localise.masked import behind_the_mask
-from visloc_companion.localise.rectified import behind_the_lens
+from visloc_companion.localise.odometry.surface_window import SurfaceWindow
 from visloc_companion.localise.registry import make_localiser, open_features_for
-from visloc_companion.localise.rolling_shutter import Unrolled
 from visloc_companion.localise.runtime import default_threads
-from visloc_companion.localise.still_picture import MovingFramesOnly
-from visloc_companion.localise.surface_window import SurfaceWindow
-from visloc_companion.localise.twice import CheckedTwice
-from visloc_companion.localise.with_motion import WithMotion
-from visloc_companion.localise.with_turn import WithTurn
-from visloc_companion.localise.zoomed import Zoomed
 from visloc_companion.protocols import Localiser
 from visloc_companion.types import CameraModel
 

@@ -15,7 +15,7 @@ from visloc_companion.adapters.camera.calibration import camera_model
 from visloc_companion.app.slots import SlotsName, WorkerSlots
 from visloc_companion.app.terrain import TerrainAnswer
 from visloc_companion.config import Config
-from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
+from visloc_companion.core.terrain.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.errors import Reason, VislocError, WorkerError, fault_text
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix, TerrainRequest

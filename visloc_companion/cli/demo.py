@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from visloc_companion.evaluate.demo import DemoResult
+    from visloc_companion.evaluate.demonstration.demo import DemoResult
 
 
 def demo(
@@ -22,7 +22,7 @@ def demo(
     """Fly through spoofing and jamming on the embedded procedural world. Exit code 1 when a requirement is missed."""
     from visloc_companion.cli.progress import make_folder, require_folder, results_into, spinner, write_json
     from visloc_companion.errors import ConfigError
-    from visloc_companion.evaluate.demo import run_demo
+    from visloc_companion.evaluate.demonstration.demo import run_demo
     from visloc_companion.types import AutopilotKind
 
     if dialect not in ("ardupilot", "px4"):

@@ -11,7 +11,7 @@ from visloc_companion.cli.evaluate_choice import chosen_cases
 from visloc_companion.cli.evaluate_cloud import cloud
 
 if TYPE_CHECKING:
-    from visloc_companion.evaluate.map_sigma import MapSigma
+    from visloc_companion.evaluate.images.map_sigma import MapSigma
     from visloc_companion.localise.runtime import NetworkChoice, ProviderName
 
 evaluate_app = typer.Typer(
@@ -46,7 +46,7 @@ def image(
 ) -> None:
     """Place frames on a map: fixes, errors against the truth, claimed accuracy and time."""
     from visloc_companion.errors import ConfigError
-    from visloc_companion.evaluate.map_sigma import stated
+    from visloc_companion.evaluate.images.map_sigma import stated
     from visloc_companion.localise.registry import METHODS, needs_features
     from visloc_companion.localise.runtime import NetworkChoice
 
@@ -90,8 +90,8 @@ def _run(
     from visloc_companion.errors import Reason
     from visloc_companion.evaluate.cases import read_by, read_cases, read_truth
     from visloc_companion.evaluate.ended_in_order import BrokenOff, ended_in_order
-    from visloc_companion.evaluate.image import evaluate_image
-    from visloc_companion.evaluate.image_report import write_image_report
+    from visloc_companion.evaluate.images.image import evaluate_image
+    from visloc_companion.evaluate.images.image_report import write_image_report
 
     make_folder(report, "--report")
     require_folder(json_file, "--json", cases, cases / "cases.csv", cases / "truth.csv")

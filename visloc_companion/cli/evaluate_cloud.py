@@ -34,9 +34,9 @@ def _run(cases: Path, method: str, jobs: int, limit: int | None, json_file: Path
     from visloc_companion.cli.figures import end_if_broken_off, figure_lines
     from visloc_companion.cli.progress import bar, make_folder, require_folder, results_into, write_json
     from visloc_companion.errors import Reason
-    from visloc_companion.evaluate.cloud import evaluate_cloud
-    from visloc_companion.evaluate.cloud_cases import read_by
-    from visloc_companion.evaluate.cloud_report import write_cloud_report
+    from visloc_companion.evaluate.clouds.cloud import evaluate_cloud
+    from visloc_companion.evaluate.clouds.cloud_cases import read_by
+    from visloc_companion.evaluate.clouds.cloud_report import write_cloud_report
     from visloc_companion.evaluate.ended_in_order import BrokenOff, ended_in_order
 
     make_folder(report, "--report")

@@ -17,7 +17,7 @@ from visloc_companion.config import Config
 from visloc_companion.evaluate.flight import Pace
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.record import FlightRecord, from_entries
-from visloc_companion.evaluate.report_map import MapImage
+from visloc_companion.evaluate.reports.report_map import MapImage
 from visloc_companion.maps.pack import PackMap
 
 

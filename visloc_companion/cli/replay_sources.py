@@ -31,7 +31,7 @@ from visloc_companion.errors import ConfigError, LogError, stated_in
 from visloc_companion.evaluate.flight import Pace, RecordedEyes, replay_recording
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.record import MAX_TRUTH_GAP_S, FlightRecord, from_entries
-from visloc_companion.evaluate.report_map import MapImage
+from visloc_companion.evaluate.reports.report_map import MapImage
 from visloc_companion.evaluate.right_place import check_places
 from visloc_companion.evaluate.told import Told
 from visloc_companion.evaluate.trusted_gnss import far_from_truth_noted, rare_reports_noted

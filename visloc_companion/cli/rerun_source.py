@@ -21,12 +21,12 @@ from visloc_companion.app.settings import core_settings
 from visloc_companion.app.worker_process import no_fix, open_localiser
 from visloc_companion.cli.progress import bar
 from visloc_companion.config import Config
-from visloc_companion.core.lasting import BY_SHAPE
-from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
+from visloc_companion.core.filter.lasting import BY_SHAPE
+from visloc_companion.core.terrain.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.errors import ConfigError, JournalError, Reason, stated_in
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.record import FlightRecord, from_entries
-from visloc_companion.evaluate.report_map import MapImage
+from visloc_companion.evaluate.reports.report_map import MapImage
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.types import Fix, GeoPoint, Image, LocaliseRequest, NoFix

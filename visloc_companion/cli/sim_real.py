@@ -24,9 +24,9 @@ def fly_real(autopilot: str, vehicle: str, name: str, seed: int, with_daemon: bo
     """
     from visloc_companion.cli.progress import require_folder
     from visloc_companion.cli.sim_result import write_result
-    from visloc_companion.evaluate.real_flight import checks, real_figures
-    from visloc_companion.evaluate.real_result import real_record, real_result
-    from visloc_companion.evaluate.real_world import over_its_world
+    from visloc_companion.evaluate.real.real_flight import checks, real_figures
+    from visloc_companion.evaluate.real.real_result import real_record, real_result
+    from visloc_companion.evaluate.real.real_world import over_its_world
     from visloc_companion.sim.real.apart import fly_apart
     from visloc_companion.sim.real.programs import find_program
     from visloc_companion.sim.real.scenarios import real_scenario

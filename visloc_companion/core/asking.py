@@ -1,7 +1,8 @@
 """What the worker is asked next, and the prior that goes with it: the filter's own state, never the autopilot's position.
 
 Where there is no state, or one that says hardly more than that the vehicle is on the map, the place is searched for
-(core/place_search.py); in turns also where no frame is recognised about a GNSS that is trusted (core/beside_gnss.py).
+(core/places/place_search.py); in turns also where no frame is recognised about a GNSS that is trusted
+(core/places/beside_gnss.py).
 """
 
 from __future__ import annotations
@@ -11,16 +12,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core import beside_gnss, place_search, requests
+from visloc_companion.core import requests
 from visloc_companion.core.attitude import AttitudeBuffer
-from visloc_companion.core.beside_gnss import BesideGnss
+from visloc_companion.core.camera.onboard_camera import OnboardCamera
 from visloc_companion.core.covariance import largest_sigma_m
-from visloc_companion.core.onboard_camera import OnboardCamera
-from visloc_companion.core.place_search import PlaceSearch, Reach, tile_radius_m
-from visloc_companion.core.propagation import VELOCITY, Drive
-from visloc_companion.core.ranges import Ranges
+from visloc_companion.core.filter.propagation import VELOCITY, Drive
+from visloc_companion.core.places import beside_gnss, place_search
+from visloc_companion.core.places.beside_gnss import BesideGnss
+from visloc_companion.core.places.place_search import PlaceSearch, Reach, tile_radius_m
 from visloc_companion.core.settings import CoreSettings
-from visloc_companion.core.terrain_aiding import TerrainAiding
+from visloc_companion.core.terrain.ranges import Ranges
+from visloc_companion.core.terrain.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.without_position import LOOK_SIGMA_M, WithoutPosition

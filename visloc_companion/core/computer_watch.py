@@ -1,4 +1,4 @@
-"""Tells the operator when the computer contradicts itself (localise/twice.py)."""
+"""Tells the operator when the computer contradicts itself (localise/around/twice.py)."""
 
 from __future__ import annotations
 

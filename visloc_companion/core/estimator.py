@@ -1,4 +1,4 @@
-"""Delayed-state position filter: a sorted log of inputs folded by core/fusion.py, so that order of arrival does not matter.
+"""Delayed-state position filter: a sorted log of inputs folded by filter/fusion.py, so that order of arrival does not matter.
 
 A late fix is inserted where it belongs and everything after it is done again (rewind), but not before it is asked for: two that
 come together are folded once. The velocity between its samples: driving.py. The memory is HISTORY_NS; what is older is TooOld.
@@ -14,22 +14,22 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from visloc_companion.core import air_velocity, contradiction, fusion, integrity, lasting, refused, separation, votes
-from visloc_companion.core.air_velocity import AirError
-from visloc_companion.core.belief import Belief, Position, blurred, lens_doubted, lens_known, widened_by
-from visloc_companion.core.driving import Around, Velocity, height_at, velocity_at
-from visloc_companion.core.fusion import UNAIDED_SIGMA_MPS
-from visloc_companion.core.motion import Motion, learned
-from visloc_companion.core.propagation import N_STATES, OVERDUE_S, POSITION, UNAIDED_GAP_S, VELOCITY, Drive
-from visloc_companion.core.reckoned import Reckoned, reckoned
-from visloc_companion.core.relocalise import Candidate
+from visloc_companion.core import integrity
+from visloc_companion.core.filter import contradiction, fusion, lasting, refused, separation, votes
+from visloc_companion.core.filter.belief import Belief, Position, blurred, lens_doubted, lens_known, widened_by
+from visloc_companion.core.filter.driving import Around, Velocity, height_at, velocity_at
+from visloc_companion.core.filter.motion import Motion, learned
+from visloc_companion.core.filter.propagation import N_STATES, OVERDUE_S, POSITION, UNAIDED_GAP_S, VELOCITY, Drive
+from visloc_companion.core.filter.reckoned import Reckoned, reckoned
+from visloc_companion.core.filter.relocalise import Candidate
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.core.velocity import air_velocity
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2
 
 HISTORY_NS = 6_000_000_000
 
-Input = Velocity | Position | Motion | AirError
+Input = Velocity | Position | Motion | air_velocity.AirError
 Outcome = Accepted | Rejected | None
 _time = attrgetter("t_ns")
 
@@ -108,7 +108,7 @@ class PositionFilter:
             return TooOld((self.newest.t_ns - motion.t_from_ns) * 1e-9)
         return self._measured(motion)
 
-    def observe_air(self, z: AirError) -> None:
+    def observe_air(self, z: air_velocity.AirError) -> None:
         """Take what the air tells of the driving velocity; what is older than the memory is dropped."""
         if z.t_ns >= self._base.t_ns:
             self._insert(z)
@@ -156,7 +156,7 @@ class PositionFilter:
         k, belief = self._belief_at(t_ns, alone=False)
         before, _ = self._around(k)
         gone = self._carried(belief, t_ns + stood_ns, (before, None))
-        self._begin_anew(t_ns, blurred(gone, UNAIDED_SIGMA_MPS * stood_ns * 1e-9), before)
+        self._begin_anew(t_ns, blurred(gone, fusion.UNAIDED_SIGMA_MPS * stood_ns * 1e-9), before)
 
     def leapt(self, t_ns: int, leapt_ns: int, since_ns: int) -> None:
         """The clock counted so much, from since_ns on, that did not go by: the vehicle is as much further back, at a velocity
@@ -168,7 +168,7 @@ class PositionFilter:
         v_north, v_east, _ = self.at(t_ns).v_ned_mps
         leapt_s = leapt_ns * 1e-9
         back = _shifted(belief, (-v_north * leapt_s, -v_east * leapt_s))
-        self._begin_anew(t_ns, blurred(back, UNAIDED_SIGMA_MPS * leapt_s), before)
+        self._begin_anew(t_ns, blurred(back, fusion.UNAIDED_SIGMA_MPS * leapt_s), before)
 
     def dragged(self, t_ns: int, sigma_m: float) -> None:
         """The position may have been dragged away by so much (1-sigma) in a way that nothing contradicted."""
@@ -276,7 +276,7 @@ class PositionFilter:
             return fusion.with_velocity_trust(belief, entry.sigma_mps, entry.drive), None
         if isinstance(entry, Motion):
             return learned(belief, entry, self._travelled(belief, entry.t_from_ns), self._settings)
-        if isinstance(entry, AirError):
+        if isinstance(entry, air_velocity.AirError):
             return air_velocity.observed(belief, entry, self._settings)
         return fusion.observed(belief, entry, self._settings, self._max_step_m)
 
@@ -323,7 +323,7 @@ class PositionFilter:
             around = before, _as_if_it_erred(after, erring)
         mean, change = _driven(belief.t_ns, t_ns, around)
         carried = fusion.propagated(belief, t_ns, mean, self._settings, change, alone=alone)
-        return blurred(carried, UNAIDED_SIGMA_MPS * (t_ns - belief.t_ns) * 1e-9) if gap_s > UNAIDED_GAP_S else carried
+        return blurred(carried, fusion.UNAIDED_SIGMA_MPS * (t_ns - belief.t_ns) * 1e-9) if gap_s > UNAIDED_GAP_S else carried
 
     def _around(self, k: int) -> Around:
         """The velocity samples before and after the first k inputs."""
@@ -370,7 +370,7 @@ def _as_if_it_erred(after: Velocity, belief: Belief) -> Velocity:
 def _held_m(from_s: float, to_s: float) -> float:
     """1-sigma of where a vehicle is taken to by a velocity that is held between these ages of its sample, m: it is less known by
     the second, until at UNAIDED_GAP_S as much is claimed as of a silent link."""
-    return UNAIDED_SIGMA_MPS * (to_s**2 - max(0.0, from_s) ** 2) / UNAIDED_GAP_S
+    return fusion.UNAIDED_SIGMA_MPS * (to_s**2 - max(0.0, from_s) ** 2) / UNAIDED_GAP_S
 
 
 def _driven(from_ns: int, to_ns: int, around: Around) -> tuple[Vec2, Vec2]:
@@ -380,7 +380,7 @@ def _driven(from_ns: int, to_ns: int, around: Around) -> tuple[Vec2, Vec2]:
 
 
 def _key(entry: Input) -> tuple[int, int, int]:
-    if isinstance(entry, Velocity | AirError):
+    if isinstance(entry, Velocity | air_velocity.AirError):
         return entry.t_ns, 0 if isinstance(entry, Velocity) else 1, 0
     return (entry.t_ns, 2, entry.t_from_ns) if isinstance(entry, Motion) else (entry.t_ns, 3, entry.tie)
 

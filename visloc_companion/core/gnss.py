@@ -1,25 +1,33 @@
 """The GNSS verdict: OK, SUSPECT or DENIED, with reasons, evidence and the probability that the position is false.
 
-Evidence: the receivers and the autopilot of themselves (core/gnss_receiver.py), GNSS time (core/gnss_clock.py), the map before
-arming (core/gnss_map.py), and sequential tests of GNSS against vision (core/drift.py), odometry (core/gnss_odometry.py) and
-barometer (core/gnss_height.py). Signs must last `denied_after_s`; the sequential tests have waited already. Trust that was lost
-comes back after `probation_s` without any sign in which, where there is vision, GNSS agreed with it (core/gnss_trust.py); so does
-a first one to a vehicle that fixes have placed already.
+Evidence: the receivers and the autopilot of themselves (core/satellites/gnss_receiver.py), GNSS time
+(core/satellites/gnss_clock.py), the map before arming (core/satellites/gnss_map.py), and sequential tests of GNSS against vision
+(core/satellites/drift.py), odometry (core/satellites/gnss_odometry.py) and barometer (core/satellites/gnss_height.py). Signs must
+last `denied_after_s`; the sequential tests have waited already. Trust that was lost comes back after `probation_s` without any
+sign in which, where there is vision, GNSS agreed with it (core/satellites/gnss_trust.py); so does a first one to a vehicle that
+fixes have placed already.
 """
 
 from __future__ import annotations
 
 import math
 
-from visloc_companion.core import gnss_odds
-from visloc_companion.core.drift import MAX_BIAS_M, DriftTest
-from visloc_companion.core.gnss_clock import GnssClock
-from visloc_companion.core.gnss_height import HeightTest
-from visloc_companion.core.gnss_map import MapCheck
-from visloc_companion.core.gnss_odometry import RIGHT, Lens, OdometryTest
-from visloc_companion.core.gnss_receiver import Interference, Reports, Talk, autopilot_signs, receiver_sign, receiver_signs
-from visloc_companion.core.gnss_trust import VISION_AGE_S, Trust
-from visloc_companion.core.gnss_witness import Ground
+from visloc_companion.core.satellites import gnss_odds
+from visloc_companion.core.satellites.drift import MAX_BIAS_M, DriftTest
+from visloc_companion.core.satellites.gnss_clock import GnssClock
+from visloc_companion.core.satellites.gnss_height import HeightTest
+from visloc_companion.core.satellites.gnss_map import MapCheck
+from visloc_companion.core.satellites.gnss_odometry import RIGHT, Lens, OdometryTest
+from visloc_companion.core.satellites.gnss_receiver import (
+    Interference,
+    Reports,
+    Talk,
+    autopilot_signs,
+    receiver_sign,
+    receiver_signs,
+)
+from visloc_companion.core.satellites.gnss_trust import VISION_AGE_S, Trust
+from visloc_companion.core.satellites.gnss_witness import Ground
 from visloc_companion.core.settings import GnssSettings
 from visloc_companion.types import (
     FIX_3D,

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from collections import deque
 
-from visloc_companion.core import claims, votes
+from visloc_companion.core.camera.scale_watch import ScaleWatch
+from visloc_companion.core.filter import claims, votes
+from visloc_companion.core.filter.lasting import apart_m
+from visloc_companion.core.filter.motion import Motion
 from visloc_companion.core.gnss import GnssMonitor
-from visloc_companion.core.gnss_odometry import Lens
-from visloc_companion.core.gnss_witness import Ground
-from visloc_companion.core.lasting import apart_m
-from visloc_companion.core.map_offset import Beside, MapOffset
 from visloc_companion.core.modes import INJECTING
-from visloc_companion.core.motion import Motion
 from visloc_companion.core.requests import dragged_m
-from visloc_companion.core.scale_watch import ScaleWatch
+from visloc_companion.core.satellites.gnss_odometry import Lens
+from visloc_companion.core.satellites.gnss_witness import Ground
+from visloc_companion.core.satellites.map_offset import Beside, MapOffset
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.validate import is_place

@@ -16,9 +16,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from visloc_companion.core.alike import Alike
-from visloc_companion.core.lasting import SHARE
-from visloc_companion.core.separation import Solutions
+from visloc_companion.core.filter.alike import Alike
+from visloc_companion.core.filter.lasting import SHARE
+from visloc_companion.core.filter.separation import Solutions
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray
 

@@ -1,32 +1,33 @@
 """The navigator: every event goes in here, every command comes out. No I/O, no clock, no waiting; same events, same bytes.
 
-Trust runs one way. The filter is seeded once from the autopilot's position while GNSS is trusted; from then on the prior of
-every localisation is the filter's own state, so a spoofed autopilot cannot drag the search away. What GNSS may still do is in
+Trust runs one way. The filter is seeded once from the autopilot's position while GNSS is trusted; from then on the prior of every
+localisation is the filter's own state, so a spoofed autopilot cannot drag the search away. What GNSS may still do is in
 core/gnss_aiding.py. Nothing is injected before a first fix has anchored the filter. Without a first position, and when it is lost
-for long, the whole map is searched (core/place_search.py). Distances to the ground: core/terrain_aiding.py; the camera's own
-motion: core/motion.py; accelerations: core/inertial.py.
+for long, the whole map is searched (core/places/place_search.py). Distances to the ground: core/terrain/terrain_aiding.py; the
+camera's own motion: core/filter/motion.py; accelerations: core/velocity/inertial.py.
 """
 
 from __future__ import annotations
 
 from typing import assert_never
 
-from visloc_companion.core import gnss_words, requests, streams
+from visloc_companion.core import requests, streams
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
-from visloc_companion.core.gimbal import Gimbal
+from visloc_companion.core.camera.gimbal import Gimbal
+from visloc_companion.core.camera.onboard_camera import OnboardCamera
 from visloc_companion.core.gnss import ODOMETRY, GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints, TimeCheck, TimeGuard
-from visloc_companion.core.onboard_camera import OnboardCamera
-from visloc_companion.core.place_search import PlaceSearch
+from visloc_companion.core.places.place_search import PlaceSearch
 from visloc_companion.core.protection import Protection
+from visloc_companion.core.satellites import gnss_words
 from visloc_companion.core.sending import Sending
 from visloc_companion.core.settings import CoreSettings
-from visloc_companion.core.steering import Steering
-from visloc_companion.core.switching import SourceSwitch
+from visloc_companion.core.source.steering import Steering
+from visloc_companion.core.source.switching import SourceSwitch
 from visloc_companion.core.telemetry import Telemetry
-from visloc_companion.core.terrain_aiding import TerrainAiding
+from visloc_companion.core.terrain.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.turns import Turns

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from visloc_companion.core.motion import Motion
+from visloc_companion.core.filter.motion import Motion
+from visloc_companion.core.filter.propagation import INERTIAL_WALK_MPS_PER_SQRT_S
 from visloc_companion.core.odometry import OdometryTrack
-from visloc_companion.core.propagation import INERTIAL_WALK_MPS_PER_SQRT_S
 from visloc_companion.types import Odometry
 
 INTERVAL_NS = 500_000_000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from visloc_companion.core import output, requests
 from visloc_companion.core.asking import Asking
-from visloc_companion.core.belief import Belief
+from visloc_companion.core.filter.belief import Belief
 from visloc_companion.core.protection import Protected
 from visloc_companion.core.settings import InjectionSettings
 from visloc_companion.core.tracking import Tracker

@@ -7,20 +7,20 @@ import math
 from visloc_companion.core.asking import Asking
 from visloc_companion.core.attitude import AttitudeBuffer
 from visloc_companion.core.attitude_pace import AttitudePace
-from visloc_companion.core.driving import Velocity
-from visloc_companion.core.gimbal import Gimbal
+from visloc_companion.core.camera.gimbal import Gimbal
+from visloc_companion.core.filter.driving import Velocity
+from visloc_companion.core.filter.propagation import Drive
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.guard import Complaints
-from visloc_companion.core.home_height import HomeHeight
-from visloc_companion.core.pitot import LEAST_MPS, true_airspeed_mps
-from visloc_companion.core.propagation import Drive
+from visloc_companion.core.heights.home_height import HomeHeight
+from visloc_companion.core.heights.takeoff_height import RestartedAloft, TakeoffHeight
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.core.switching import SourceSwitch
-from visloc_companion.core.takeoff_height import RestartedAloft, TakeoffHeight
-from visloc_companion.core.terrain_aiding import TerrainAiding
+from visloc_companion.core.source.switching import SourceSwitch
+from visloc_companion.core.terrain.terrain_aiding import TerrainAiding
 from visloc_companion.core.timesync import ClockOffset, ClockStep
 from visloc_companion.core.tracking import Tracker
-from visloc_companion.core.vouching import Vouching
+from visloc_companion.core.velocity.pitot import LEAST_MPS, true_airspeed_mps
+from visloc_companion.core.velocity.vouching import Vouching
 from visloc_companion.geo import se3
 from visloc_companion.types import (
     Attitude,

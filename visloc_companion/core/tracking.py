@@ -7,27 +7,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core.air_velocity import AirError, AirVelocity, gusty
-from visloc_companion.core.belief import Belief, lens_doubted, seeded
-from visloc_companion.core.drag_velocity import DragLearner
-from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
-from visloc_companion.core.forces import MIN_HEIGHT_M, Forces
-from visloc_companion.core.fusion import MAX_STEP_M, UNAIDED_SIGMA_MPS
-from visloc_companion.core.gnss_track import GnssTrack
-from visloc_companion.core.heading_pull import HeadingPull
-from visloc_companion.core.height_aiding import HeightAiding
-from visloc_companion.core.inertial import InertialVelocity
-from visloc_companion.core.lasting import BY_SHAPE
-from visloc_companion.core.motion import Motion
-from visloc_companion.core.moved_alike import MovedAlike
+from visloc_companion.core.filter.belief import Belief, lens_doubted, seeded
+from visloc_companion.core.filter.driving import Velocity
+from visloc_companion.core.filter.fusion import MAX_STEP_M, UNAIDED_SIGMA_MPS
+from visloc_companion.core.filter.lasting import BY_SHAPE
+from visloc_companion.core.filter.motion import Motion
+from visloc_companion.core.filter.moved_alike import MovedAlike
+from visloc_companion.core.filter.propagation import Drive
+from visloc_companion.core.filter.reckoned import Reckoned, way_ne_m
+from visloc_companion.core.heights.height_aiding import HeightAiding
 from visloc_companion.core.odometry_aiding import OdometryAiding
-from visloc_companion.core.pitot import Airspeed, PitotLearner
-from visloc_companion.core.propagation import Drive
-from visloc_companion.core.reach import out_of_reach
-from visloc_companion.core.reckoned import Reckoned, way_ne_m
+from visloc_companion.core.satellites.gnss_track import GnssTrack
+from visloc_companion.core.satellites.reach import out_of_reach
 from visloc_companion.core.settings import NavigatorSettings
-from visloc_companion.core.teaching import Teaching
+from visloc_companion.core.velocity.air_velocity import AirError, AirVelocity, gusty
+from visloc_companion.core.velocity.drag_velocity import DragLearner
+from visloc_companion.core.velocity.forces import MIN_HEIGHT_M, Forces
+from visloc_companion.core.velocity.heading_pull import HeadingPull
+from visloc_companion.core.velocity.inertial import InertialVelocity
+from visloc_companion.core.velocity.pitot import Airspeed, PitotLearner
+from visloc_companion.core.velocity.teaching import Teaching
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Accepted, Fix, FloatArray, GeoPoint, NavState, Odometry, Quat, Rejected, TooOld, Vec2, Vec3
 

@@ -4,28 +4,28 @@ from __future__ import annotations
 
 import math
 
-from visloc_companion.core import operator_word
 from visloc_companion.core.asking import Asking
-from visloc_companion.core.belief import Belief
-from visloc_companion.core.camera_watch import CameraWatch
+from visloc_companion.core.camera.camera_watch import CameraWatch
+from visloc_companion.core.camera.onboard_camera import OnboardCamera
+from visloc_companion.core.camera.unmatched_watch import UnmatchedWatch
 from visloc_companion.core.computer_watch import ComputerWatch
 from visloc_companion.core.covariance import largest_sigma_m
-from visloc_companion.core.first_fixes import FirstFixes
+from visloc_companion.core.filter.belief import Belief
+from visloc_companion.core.filter.second_opinion import SecondOpinion
 from visloc_companion.core.gnss import ODOMETRY, GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.guard import Complaints
-from visloc_companion.core.onboard_camera import OnboardCamera
-from visloc_companion.core.open_tracks import OpenTracks
-from visloc_companion.core.place_search import Found, PlaceSearch
-from visloc_companion.core.regaining import Regaining
+from visloc_companion.core.places import operator_word
+from visloc_companion.core.places.first_fixes import FirstFixes
+from visloc_companion.core.places.open_tracks import OpenTracks
+from visloc_companion.core.places.place_search import Found, PlaceSearch
+from visloc_companion.core.places.regaining import Regaining
+from visloc_companion.core.places.travel import TravelLog
 from visloc_companion.core.requests import FrameQueue
-from visloc_companion.core.second_opinion import SecondOpinion
-from visloc_companion.core.steering import Steering
-from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
-from visloc_companion.core.terrain_aiding import TerrainAiding
+from visloc_companion.core.source.steering import Steering
+from visloc_companion.core.terrain.terrain_aiding import METHOD as TERRAIN
+from visloc_companion.core.terrain.terrain_aiding import TerrainAiding
 from visloc_companion.core.tracking import Tracker
-from visloc_companion.core.travel import TravelLog
-from visloc_companion.core.unmatched_watch import UnmatchedWatch
 from visloc_companion.core.validate import fault
 from visloc_companion.core.without_position import WithoutPosition
 from visloc_companion.errors import Reason

@@ -4,8 +4,8 @@ Something ended the daemon before this one, and PX4 on vision gives its position
 seconds, for nothing contradicts it, but nobody has shown it right: the daemon before may have found it false. So it says no more
 than where to look first, as far about it as an attack may lie that a trusted one hides; the filter never starts from it. A fix
 that lies where the receiver is starts the filter, at the fix. One that lies elsewhere is evidence against GNSS, and the map is
-searched as without any (core/place_search.py). Where nothing is recognised for UNSEEN_S, there or elsewhere on the map, and
-nothing speaks against GNSS, it is all there is: an autopilot without any position lands where it drifts.
+searched as without any (core/places/place_search.py). Where nothing is recognised for UNSEEN_S, there or elsewhere on the map,
+and nothing speaks against GNSS, it is all there is: an autopilot without any position lands where it drifts.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from __future__ import annotations
 import math
 
 from visloc_companion.core.covariance import largest_sigma_m
-from visloc_companion.core.first_fixes import GNSS_SIGMA_M, LIES_THERE_SIGMA
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
-from visloc_companion.core.gnss_track import MAX_GAP_NS
-from visloc_companion.core.gnss_trust import TRUSTED_BELOW
+from visloc_companion.core.places.first_fixes import GNSS_SIGMA_M, LIES_THERE_SIGMA
 from visloc_companion.core.requests import MAX_DRAG_M
-from visloc_companion.core.steering import UNSEEN_S
+from visloc_companion.core.satellites.gnss_track import MAX_GAP_NS
+from visloc_companion.core.satellites.gnss_trust import TRUSTED_BELOW
+from visloc_companion.core.source.steering import UNSEEN_S
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import wgs84
 from visloc_companion.types import Command, EstimatorStatus, Fix, NavState, Notice, PriorPose, Severity, Vec2, Verdict

@@ -4,7 +4,7 @@ Two neighbouring frames show how the camera turned between them (localise/odomet
 was. An offset is right where the autopilot's attitudes turned the same way at the same times: of all offsets that put most of the
 frames into the log, the one with the largest likelihood (Student's, so that a wrong turn costs it little). It is believed only
 where it is far likelier than every other one that is not its neighbour. In flight the same is done for small offsets only
-(core/time_offset.py).
+(core/camera/time_offset.py).
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import numpy as np
 from visloc_companion.adapters.logs.folder import FoundOffset
 from visloc_companion.adapters.logs.frames import FrameSource
 from visloc_companion.adapters.logs.recording import NS_PER_S, NS_PER_US, Recording
-from visloc_companion.core.time_offset import log_likelihood
+from visloc_companion.core.camera.time_offset import log_likelihood
 from visloc_companion.errors import LogError
 from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.geo.se3 import R_from_quat
+from visloc_companion.localise.around.rectified import rectified
 from visloc_companion.localise.masked import painted_over, with_margin
 from visloc_companion.localise.odometry.rotation import TurnWatch
-from visloc_companion.localise.rectified import rectified
 from visloc_companion.types import Attitude, CameraModel, FloatArray, Quat, Turn
 
 LEAST_GAP_US = 150_000

@@ -22,10 +22,10 @@ from visloc_companion.evaluate.keys_once import loads_keys_once
 from visloc_companion.evaluate.sim_journal import JournalChoice
 from visloc_companion.localise.registry import METHODS
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.sim.gimbal import GimbalPlan
 from visloc_companion.sim.scenarios import FLIGHTS, SCENARIOS, Scenario
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import FlightSetup, VehicleKind
+from visloc_companion.sim.vehicles.gimbal import GimbalPlan
 from visloc_companion.types import AutopilotKind, FloatArray
 
 CAMPAIGNS = {

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visloc_companion.core import lasting
-from visloc_companion.core.propagation import ACCELERATION, LASTING, Drive, initial_covariance, step
+from visloc_companion.core.filter import lasting
+from visloc_companion.core.filter.propagation import ACCELERATION, LASTING, Drive, initial_covariance, step
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.localise.ortho_rectify import MAX_TAN_INCIDENCE
 from visloc_companion.types import FloatArray
@@ -189,7 +189,7 @@ class FilterLoop:
 
     @classmethod
     def of(cls, flown: Flown, stated: Stated, settings: NavigatorSettings) -> FilterLoop:
-        """Riccati's equation, by going through it; the filter is driven by accelerations (core/propagation.py)."""
+        """Riccati's equation, by going through it; the filter is driven by accelerations (core/filter/propagation.py)."""
         period_s = 1 / flown.fix_rate_hz
         F, Q = _step(period_s, flown, settings)
         P = initial_covariance(settings.seed_sigma_m, settings.velocity_sigma_aiding_mps, settings.acceleration_sigma_mps2)

@@ -9,12 +9,12 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario
-from visloc_companion.evaluate.report_pictures import PicturePair
+from visloc_companion.evaluate.reports.report_pictures import PicturePair
 from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.sim.camera import LEVEL
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.types import GeoPoint, Image
 
 _WIDTH_PX = 420

@@ -6,8 +6,8 @@ from html import escape
 
 import numpy as np
 
-from visloc_companion.evaluate.report_parts import html_page, tiles
-from visloc_companion.evaluate.report_svg import circle, figure, legend, line, rect
+from visloc_companion.evaluate.reports.report_parts import html_page, tiles
+from visloc_companion.evaluate.reports.report_svg import circle, figure, legend, line, rect
 from visloc_companion.prepare.lens.calibrate import Calibration
 from visloc_companion.prepare.lens.document import left_out_words, share_words
 from visloc_companion.prepare.lens.limits import FOCAL_SHARE, Shortcoming, rms_limit_px, shortcomings, unseen_words

@@ -7,7 +7,7 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap
 from visloc_companion.evaluate.record import FlightRecord, rebased
-from visloc_companion.evaluate.report_map import HEIGHT, WIDTH, MapImage, flight_view
+from visloc_companion.evaluate.reports.report_map import HEIGHT, WIDTH, MapImage, flight_view
 from visloc_companion.geo.raster import apply_affine
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.protocols import ReferenceMap

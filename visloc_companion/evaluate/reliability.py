@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.evaluate.report_svg import Scale, circle, figure, line, rect, text, ticks, x_axis, y_axis
+from visloc_companion.evaluate.reports.report_svg import Scale, circle, figure, line, rect, text, ticks, x_axis, y_axis
 from visloc_companion.types import FloatArray
 
 BINS = 10

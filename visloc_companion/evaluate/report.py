@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from visloc_companion import __version__
-from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
+from visloc_companion.core.terrain.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.metrics import (
     DEFAULT_ALERT_LIMIT_M,
@@ -24,11 +24,11 @@ from visloc_companion.evaluate.metrics import (
     latency_ms,
 )
 from visloc_companion.evaluate.record import FixPoint, FlightRecord, Refusal, rebased
-from visloc_companion.evaluate.report_charts import latency_histogram, spans, time_chart, time_legend
-from visloc_companion.evaluate.report_map import MapImage, Moment, flight_map, flight_view, map_legend
-from visloc_companion.evaluate.report_pictures import PicturePair, picture_section
-from visloc_companion.evaluate.report_stanford import stanford_section
-from visloc_companion.evaluate.report_style import CSS
+from visloc_companion.evaluate.reports.report_charts import latency_histogram, spans, time_chart, time_legend
+from visloc_companion.evaluate.reports.report_map import MapImage, Moment, flight_map, flight_view, map_legend
+from visloc_companion.evaluate.reports.report_pictures import PicturePair, picture_section
+from visloc_companion.evaluate.reports.report_stanford import stanford_section
+from visloc_companion.evaluate.reports.report_style import CSS
 from visloc_companion.types import FloatArray, Verdict
 from visloc_companion.whole_file import write_result
 

@@ -1,4 +1,4 @@
-"""The pinhole camera that takes the place of a wide one: what is looked at everywhere behind the door (localise/rectified.py)."""
+"""The pinhole camera that takes the place of a wide one: what is looked at behind the door (localise/around/rectified.py)."""
 
 from __future__ import annotations
 

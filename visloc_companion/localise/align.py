@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.localise.features.base import Float32Array
-from visloc_companion.localise.open_ground import OpenGround
+from visloc_companion.localise.mapped.open_ground import OpenGround
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, nadir_offsets
 from visloc_companion.types import FloatArray
 

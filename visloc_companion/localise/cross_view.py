@@ -17,11 +17,8 @@ from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.geo.wgs84 import ned_from_geo
 from visloc_companion.localise.answer import Stopwatch, no_fix
-from visloc_companion.localise.attitude_search import Candidate, searched_leans
-from visloc_companion.localise.dense import deep_localiser
-from visloc_companion.localise.features.base import Features
-from visloc_companion.localise.frame import check_pixels, full_level
-from visloc_companion.localise.guess import (
+from visloc_companion.localise.candidates.attitude_search import Candidate, searched_leans
+from visloc_companion.localise.candidates.guess import (
     FROM_ANSWER,
     FROM_SEARCH,
     Guess,
@@ -31,12 +28,15 @@ from visloc_companion.localise.guess import (
     narrowed,
     prior_sigmas,
 )
-from visloc_companion.localise.leans import STEP_RAD, leans
+from visloc_companion.localise.candidates.leans import STEP_RAD, leans
+from visloc_companion.localise.candidates.tilt import set_right
+from visloc_companion.localise.dense import deep_localiser
+from visloc_companion.localise.features.base import Features
+from visloc_companion.localise.frame import check_pixels, full_level
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, make_plan
 from visloc_companion.localise.pose import to_view
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.localise.tilt import set_right
 from visloc_companion.localise.verify import MAX_CHI2_SIGMA, unknown_attitude_wrong
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, PosePrior, Quat

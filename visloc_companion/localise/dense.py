@@ -8,24 +8,24 @@ from functools import partial, reduce
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
-from visloc_companion.localise.claims import claimed_covariance
+from visloc_companion.localise.candidates.claims import claimed_covariance
+from visloc_companion.localise.candidates.looks import Look, Why, convincing, looked, surer, with_quarters
+from visloc_companion.localise.candidates.map_ends import map_at_sides
+from visloc_companion.localise.candidates.matching import Found, Task, find_candidates, sharpened
+from visloc_companion.localise.candidates.modes import search_numbers
+from visloc_companion.localise.candidates.open_places import open_places
+from visloc_companion.localise.candidates.ranking import DEEP_RANK, GRADIENT_RANK, RankWeights
+from visloc_companion.localise.candidates.relight import under_the_frames_sun, with_sun_seen
+from visloc_companion.localise.candidates.tilt import beyond, seen_tilt, set_right
+from visloc_companion.localise.candidates.tilt_starts import tilt_is_known
+from visloc_companion.localise.candidates.together import solved_together
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import full_level
-from visloc_companion.localise.looks import Look, Why, convincing, looked, surer, with_quarters
-from visloc_companion.localise.map_ends import map_at_sides
-from visloc_companion.localise.map_light import MapLight
-from visloc_companion.localise.matching import Found, Task, find_candidates, sharpened
-from visloc_companion.localise.modes import search_numbers
-from visloc_companion.localise.open_places import open_places
+from visloc_companion.localise.mapped.map_light import MapLight
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, planned
-from visloc_companion.localise.ranking import DEEP_RANK, GRADIENT_RANK, RankWeights
-from visloc_companion.localise.relight import under_the_frames_sun, with_sun_seen
 from visloc_companion.localise.settings import LocaliserSettings, Looks
-from visloc_companion.localise.tilt import beyond, seen_tilt, set_right
-from visloc_companion.localise.tilt_starts import tilt_is_known
-from visloc_companion.localise.together import solved_together
 from visloc_companion.localise.verify import AGAIN_WEIGHTS, DEEP_WEIGHTS, GRADIENT_WEIGHTS, Weights, block_z
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from visloc_companion.localise.around.freshness import FreshFramesOnly
 from visloc_companion.localise.features.base import Features
-from visloc_companion.localise.freshness import FreshFramesOnly
-from visloc_companion.localise.map_light import MapLight
+from visloc_companion.localise.mapped.map_light import MapLight
 from visloc_companion.localise.registration.base import RegistrationMethod
 from visloc_companion.localise.registry import make_localiser
 from visloc_companion.localise.settings import LocaliserSettings
@@ -50,8 +50,8 @@ def flight_localiser(
     if not structure:
         return FreshFramesOnly(image)
     # here, not above, as in flight_registration: without the vote the worker starts without the libraries of the registration
+    from visloc_companion.localise.around.votes import TwoVotes
     from visloc_companion.localise.structure.localiser import StructureLocaliser
-    from visloc_companion.localise.votes import TwoVotes
 
     settings = LocaliserSettings(max_probability_wrong, max_search_radius_m)
     return FreshFramesOnly(TwoVotes(image, StructureLocaliser(model, settings, flight_registration())))

@@ -16,16 +16,16 @@ import numpy as np
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise import align
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
-from visloc_companion.localise.clustered import excess_variance
-from visloc_companion.localise.descent import Descended, descend, descend_open
+from visloc_companion.localise.candidates.clustered import excess_variance
+from visloc_companion.localise.candidates.descent import Descended, descend, descend_open
+from visloc_companion.localise.candidates.pyramid import LEVELS, LowPassed, View, blurred, view, window
 from visloc_companion.localise.features.base import Features
-from visloc_companion.localise.open_ground import open_ground
+from visloc_companion.localise.mapped.open_ground import open_ground
+from visloc_companion.localise.mapped.surface_error import is_coarse
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import heading_from
-from visloc_companion.localise.pyramid import LEVELS, LowPassed, View, blurred, view, window
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.localise.surface_error import is_coarse
 from visloc_companion.localise.verify import log_odds, logistic
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix, PosePrior

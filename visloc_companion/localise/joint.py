@@ -19,13 +19,13 @@ import numpy as np
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise import align
-from visloc_companion.localise.descent import CORRELATED_PX, MAX_STEP_PX, MIN_PIXELS, Rectified, rectified
+from visloc_companion.localise.candidates.descent import CORRELATED_PX, MAX_STEP_PX, MIN_PIXELS, Rectified, rectified
+from visloc_companion.localise.candidates.frame_features import FrameFeatures
+from visloc_companion.localise.candidates.pyramid import LEVELS, LowPassed, View, blurred, view, window
 from visloc_companion.localise.features.base import Features
-from visloc_companion.localise.frame_features import FrameFeatures
 from visloc_companion.localise.local_frame import LocalFrame, local_frame
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan, planned
-from visloc_companion.localise.pyramid import LEVELS, LowPassed, View, blurred, view, window
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, FloatArray, Image, PosePrior

@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.localise.candidates.frame_features import ForEachPose, plane_raster
+from visloc_companion.localise.candidates.hypotheses import hypotheses
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.features.grey import GREY
 from visloc_companion.localise.frame import FrameLevel
-from visloc_companion.localise.frame_features import ForEachPose, plane_raster
-from visloc_companion.localise.hypotheses import hypotheses
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan, turned
 from visloc_companion.localise.search import MIN_OVERLAP, ScoreVolume

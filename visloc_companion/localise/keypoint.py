@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.raster import apply_affine
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
+from visloc_companion.localise.candidates.hypotheses import footprint_box, search_box
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.features.grey import GREY
 from visloc_companion.localise.frame import FrameLevel, full_level, reduced
-from visloc_companion.localise.hypotheses import footprint_box, search_box
+from visloc_companion.localise.mapped.surface_error import height_covariance, is_coarse
+from visloc_companion.localise.mapped.window import searched_map
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, ground_homography, ground_points, rectify_plane
 from visloc_companion.localise.plan import SearchPlan, planned
 from visloc_companion.localise.pose import PoseEstimate, PriorTerm, solve_pose
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.localise.surface_error import height_covariance, is_coarse
 from visloc_companion.localise.verify import logistic
-from visloc_companion.localise.window import searched_map
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix
 

@@ -13,23 +13,23 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
-from visloc_companion.localise.claims import with_prior_tilt
-from visloc_companion.localise.features.grey import GREY
-from visloc_companion.localise.frame import FrameLevel, full_level, reduced
-from visloc_companion.localise.hypotheses import (
+from visloc_companion.localise.candidates.claims import with_prior_tilt
+from visloc_companion.localise.candidates.hypotheses import (
     footprint_box,
     footprint_heights,
     peaks_in_region,
     pose_of_peak,
     search_box,
 )
+from visloc_companion.localise.features.grey import GREY
+from visloc_companion.localise.frame import FrameLevel, full_level, reduced
 from visloc_companion.localise.joint_histogram import Labels, bin_edges, labelled, mutual_information, search_histograms
+from visloc_companion.localise.mapped.window import map_grid, searched_map
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid, rectify_surface
 from visloc_companion.localise.plan import SearchPlan, planned, turned
 from visloc_companion.localise.pose import heading_from
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.verify import log_odds, logistic
-from visloc_companion.localise.window import map_grid, searched_map
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, FloatArray, Image, LocaliseRequest, NoFix
 

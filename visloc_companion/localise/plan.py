@@ -16,7 +16,7 @@ from visloc_companion.geo.se3 import R_from_quat
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import check_pixels
 from visloc_companion.localise.local_frame import LocalFrame, local_frame
-from visloc_companion.localise.map_part import part_on_map
+from visloc_companion.localise.mapped.map_part import part_on_map
 from visloc_companion.localise.ortho_rectify import MAX_TAN_INCIDENCE, CameraPose
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.protocols import FeatureMap, ReferenceMap

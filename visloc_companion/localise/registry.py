@@ -6,15 +6,15 @@ from collections.abc import Callable
 
 from visloc_companion.errors import ConfigError
 from visloc_companion.geo.pinhole_view import pinhole_view
+from visloc_companion.localise.around.rectified import behind_the_lens
 from visloc_companion.localise.cross_view import CrossViewLocaliser
 from visloc_companion.localise.dense import deep_localiser, gradient_localiser
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.onnx import NetworkFeatures, open_features
 from visloc_companion.localise.iclk import IclkLocaliser
 from visloc_companion.localise.keypoint import KeypointLocaliser
-from visloc_companion.localise.map_light import MapLight
+from visloc_companion.localise.mapped.map_light import MapLight
 from visloc_companion.localise.mutual_information import MutualInformationLocaliser
-from visloc_companion.localise.rectified import behind_the_lens
 from visloc_companion.localise.runtime import NetworkChoice
 from visloc_companion.localise.settings import MOST_POSITIONS, LocaliserSettings, Looks
 from visloc_companion.localise.template import NccLocaliser

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from visloc_companion.localise.map_light import MapLight
+from visloc_companion.localise.mapped.map_light import MapLight
 
 
 class Looks(Enum):

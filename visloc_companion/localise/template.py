@@ -12,24 +12,24 @@ import numpy as np
 
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch, fix, no_fix
-from visloc_companion.localise.claims import with_prior_tilt
-from visloc_companion.localise.features.grey import GREY
-from visloc_companion.localise.frame import FrameLevel, full_level, reduced
-from visloc_companion.localise.frame_features import ForEachPose
-from visloc_companion.localise.hypotheses import (
+from visloc_companion.localise.candidates.claims import with_prior_tilt
+from visloc_companion.localise.candidates.frame_features import ForEachPose
+from visloc_companion.localise.candidates.hypotheses import (
     footprint_heights,
     peaks_in_region,
     pose_of_peak,
     search_box,
     search_window,
 )
+from visloc_companion.localise.features.grey import GREY
+from visloc_companion.localise.frame import FrameLevel, full_level, reduced
+from visloc_companion.localise.mapped.surface_error import unresolved_m
+from visloc_companion.localise.mapped.window import part_of_box, searched_map
 from visloc_companion.localise.ortho_rectify import CameraPose, MapGrid
 from visloc_companion.localise.plan import SearchPlan, planned, view_box
 from visloc_companion.localise.pose import heading_from
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.localise.surface_error import unresolved_m
 from visloc_companion.localise.verify import logistic
-from visloc_companion.localise.window import part_of_box, searched_map
 from visloc_companion.protocols import ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix
 

@@ -20,13 +20,13 @@ from visloc_companion.prepare.build import build_pack
 from visloc_companion.prepare.kept_folders import draft_in, hold, remove_unused
 from visloc_companion.prepare.shipped import shipped_networks
 from visloc_companion.prepare.work_folder import synced
+from visloc_companion.sim.land.season import Date
 from visloc_companion.sim.landscape import build_landscape
-from visloc_companion.sim.season import Date
 
 CACHE_REMEDY = "set XDG_CACHE_HOME to a writable folder with 1 GB of space"
 MAKERS = (
-    *("sim/landscape*.py", "sim/season.py", "sim/scene.py", "prepare/*.py", "maps/*.py", "localise/features/*.py"),
-    *("localise/shadow.py", "localise/parabola.py", "geo/raster.py", "geo/wgs84.py"),
+    *("sim/landscape.py", "sim/land/*.py", "sim/scene.py", "prepare/*.py", "maps/*.py", "localise/features/*.py"),
+    *("localise/mapped/shadow.py", "localise/parabola.py", "geo/raster.py", "geo/wgs84.py"),
 )
 """All code that what is in a world depends on."""
 

@@ -13,18 +13,18 @@ from typing import Any, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from visloc_companion.sim.accelerometer import Accelerometer
-from visloc_companion.sim.autopilot_flight import PHYSICS_DT_S, Flight, FlightPlan
-from visloc_companion.sim.autopilot_modes import Failsafe, custom_mode
-from visloc_companion.sim.autopilot_parameters import prepared_parameters
-from visloc_companion.sim.autopilot_receive import Receiver
+from visloc_companion.sim.autopilots.autopilot_flight import PHYSICS_DT_S, Flight, FlightPlan
+from visloc_companion.sim.autopilots.autopilot_modes import Failsafe, custom_mode
+from visloc_companion.sim.autopilots.autopilot_parameters import prepared_parameters
+from visloc_companion.sim.autopilots.autopilot_receive import Receiver
+from visloc_companion.sim.autopilots.streams_messages import BUILDERS, Message, Ranged, Snapshot, heartbeat
 from visloc_companion.sim.faults import FaultSchedule
-from visloc_companion.sim.gimbal import GimbalPlan, SimulatedGimbal
-from visloc_companion.sim.pitot import Pitot
-from visloc_companion.sim.rangefinder import Rangefinder
-from visloc_companion.sim.streams_messages import BUILDERS, Message, Ranged, Snapshot, heartbeat
 from visloc_companion.sim.vehicle import Truth
-from visloc_companion.sim.vehicle_model import USUAL, VehicleModel
+from visloc_companion.sim.vehicles.accelerometer import Accelerometer
+from visloc_companion.sim.vehicles.gimbal import GimbalPlan, SimulatedGimbal
+from visloc_companion.sim.vehicles.pitot import Pitot
+from visloc_companion.sim.vehicles.rangefinder import Rangefinder
+from visloc_companion.sim.vehicles.vehicle_model import USUAL, VehicleModel
 from visloc_companion.types import AutopilotKind, GeoPoint, Quat, Vec3
 
 HEARTBEAT_S, TIMESYNC_S = 1.0, 0.1

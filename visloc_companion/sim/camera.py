@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from visloc_companion.geo.se3 import quat_inverse, quat_multiply, rotate
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_motion import STILL, Shot
+from visloc_companion.sim.rendering.render_motion import STILL, Shot
 from visloc_companion.types import CameraModel, GeoPoint, Image, Quat
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.localise.shadow import cast_shadow
+from visloc_companion.localise.mapped.shadow import cast_shadow
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.ground_pixel import ground_gsd_m
 from visloc_companion.sim.scene import Scene

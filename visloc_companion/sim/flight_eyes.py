@@ -13,7 +13,7 @@ from visloc_companion.app.worker_process import about_terrain, no_fix
 from visloc_companion.errors import Reason
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.flight_log import Eyes
-from visloc_companion.sim.render_motion import Shot
+from visloc_companion.sim.rendering.render_motion import Shot
 from visloc_companion.types import Event, Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, Quat, TerrainRequest, Vote, WorkerState
 
 VIEWS_KEPT = 50

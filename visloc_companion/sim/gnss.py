@@ -8,7 +8,7 @@ from random import Random
 from visloc_companion.geo.se3 import plus
 from visloc_companion.sim.faults import GnssEffect
 from visloc_companion.sim.faults.gnss import REGAIN_S
-from visloc_companion.sim.vehicle_noise import GaussMarkov
+from visloc_companion.sim.vehicles.vehicle_noise import GaussMarkov
 from visloc_companion.types import FIX_3D, Vec3
 
 FIX_GOOD, FIX_NONE = 6, 1

@@ -11,19 +11,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.localise.shadow import cast_shadow
+from visloc_companion.localise.mapped.shadow import cast_shadow
 from visloc_companion.maps.crs import map_crs
-from visloc_companion.sim.landscape_grid import Grid
-from visloc_companion.sim.landscape_ground import field_table, lasting_layers, paint_ground
-from visloc_companion.sim.landscape_light import light_up
-from visloc_companion.sim.landscape_noise import Raster, rng_of, smooth_noise
-from visloc_companion.sim.landscape_objects import Trees, felled_parcels, place_buildings, plant_trees
-from visloc_companion.sim.landscape_plan import make_plan
-from visloc_companion.sim.landscape_snow import drifted, snowed
-from visloc_companion.sim.landscape_stamps import Objects, stamp_objects
-from visloc_companion.sim.landscape_terrain import terrain
+from visloc_companion.sim.land.landscape_grid import Grid
+from visloc_companion.sim.land.landscape_ground import field_table, lasting_layers, paint_ground
+from visloc_companion.sim.land.landscape_light import light_up
+from visloc_companion.sim.land.landscape_noise import Raster, rng_of, smooth_noise
+from visloc_companion.sim.land.landscape_objects import Trees, felled_parcels, place_buildings, plant_trees
+from visloc_companion.sim.land.landscape_plan import make_plan
+from visloc_companion.sim.land.landscape_snow import drifted, snowed
+from visloc_companion.sim.land.landscape_stamps import Objects, stamp_objects
+from visloc_companion.sim.land.landscape_terrain import terrain
+from visloc_companion.sim.land.season import Date, Season, season_of
 from visloc_companion.sim.scene import Scene
-from visloc_companion.sim.season import Date, Season, season_of
 from visloc_companion.types import GeoPoint, Image
 
 CRS = "EPSG:32632"

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from visloc_companion.geo.camera import R_FRD_CAM, unproject
 from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.geo.se3 import R_from_quat
-from visloc_companion.sim.render_effects import AIRLIGHT, NO_EFFECTS, CameraEffects, apply_effects
-from visloc_companion.sim.render_motion import STILL, Shot, row_times_s, smeared, turning
-from visloc_companion.sim.render_rays import Mask, Plane, Rays, hit_levels
-from visloc_companion.sim.render_water import rippled
+from visloc_companion.sim.rendering.render_effects import AIRLIGHT, NO_EFFECTS, CameraEffects, apply_effects
+from visloc_companion.sim.rendering.render_motion import STILL, Shot, row_times_s, smeared, turning
+from visloc_companion.sim.rendering.render_rays import Mask, Plane, Rays, hit_levels
+from visloc_companion.sim.rendering.render_water import rippled
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, GeoPoint, Image, Quat
 

@@ -14,8 +14,8 @@ from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.sim.camera import SimulatedCamera
 from visloc_companion.sim.changes import Change, beyond_the_map, changed, lies
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
-from visloc_companion.sim.render_rays import Mask
+from visloc_companion.sim.rendering.render_effects import CameraEffects
+from visloc_companion.sim.rendering.render_rays import Mask
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.setup import BEYOND_M, FIELD_OF_VIEW_RAD, SPEED_MPS, FlightSetup
 from visloc_companion.types import FloatArray, GeoPoint, Quat

@@ -17,9 +17,9 @@ from visloc_companion.adapters.camera.tcp import StreamedFrame, encode_frame
 from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.errors import ConfigError, VislocError
 from visloc_companion.sim.autopilot import BuiltInAutopilot
-from visloc_companion.sim.autopilot_flight import PHYSICS_DT_S
+from visloc_companion.sim.autopilots.autopilot_flight import PHYSICS_DT_S
 from visloc_companion.sim.faults import CompanionClockStep, FaultSchedule, WorkerCrash
-from visloc_companion.sim.render_motion import Shot
+from visloc_companion.sim.rendering.render_motion import Shot
 from visloc_companion.sim.scenarios import FLIGHTS
 from visloc_companion.sim.scene import Scene
 from visloc_companion.sim.seen import simulated_camera

@@ -10,8 +10,8 @@ from typing import Literal
 from visloc_companion.errors import MapError
 from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.sim.autopilot import BuiltInAutopilot
-from visloc_companion.sim.rangefinder import Rangefinder
 from visloc_companion.sim.scenarios import Course, Scenario
+from visloc_companion.sim.vehicles.rangefinder import Rangefinder
 from visloc_companion.types import AutopilotKind, CameraModel, GeoPoint, Vec3
 
 VehicleKind = Literal["copter", "plane"]

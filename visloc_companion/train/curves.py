@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from visloc_companion.evaluate.report_svg import Scale, circle, line, number, path, text, thinned, ticks, x_axis, y_axis
+from visloc_companion.evaluate.reports.report_svg import Scale, circle, line, number, path, text, thinned, ticks, x_axis, y_axis
 from visloc_companion.types import FloatArray
 
 WIDTH, HEIGHT = 960.0, 560.0

@@ -14,7 +14,7 @@ import torch
 
 from visloc_companion.errors import ModelError
 from visloc_companion.evaluate.cases import read_cases
-from visloc_companion.evaluate.image import evaluate_image
+from visloc_companion.evaluate.images.image import evaluate_image
 from visloc_companion.localise.features.network_input import CHANNELS, RECIPE
 from visloc_companion.localise.model_folder import (
     VARIANT_FILES,

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from visloc_companion.errors import CasesError
 from visloc_companion.localise.features.gradient import gradient_features
+from visloc_companion.sim.land.season import Cover, Rgb, Season, season_of
 from visloc_companion.sim.landscape import build_landscape
-from visloc_companion.sim.season import Cover, Rgb, Season, season_of
 from visloc_companion.train.imagery import (
     SUFFIXES,
     Bands,

@@ -15,7 +15,7 @@ from visloc_companion.adapters.camera import device
 from visloc_companion.adapters.camera.after_stall import AfterStall
 from visloc_companion.adapters.camera.device import DeviceCamera
 from visloc_companion.adapters.camera.tcp import StreamedFrame, TcpCamera, encode_frame
-from visloc_companion.core.frame_clock import FrameClock
+from visloc_companion.core.camera.frame_clock import FrameClock
 from visloc_companion.errors import CameraError
 
 LATE_S = 0.02

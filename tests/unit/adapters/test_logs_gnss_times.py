@@ -11,7 +11,7 @@ from tests.unit.adapters import test_logs_dataflash as bin_log
 from tests.unit.adapters import test_logs_ulog as ulog
 from visloc_companion.adapters.logs.gnss_times import gnss_times, unix_minus_boot_ns
 from visloc_companion.adapters.logs.open import open_log
-from visloc_companion.core.gnss_clock import GnssClock
+from visloc_companion.core.satellites.gnss_clock import GnssClock
 from visloc_companion.types import GnssTime
 
 S = 1_000_000_000

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from benchmarks import navigator_flight
+from benchmarks.flown import navigator_flight
 from visloc_companion.app.settings import core_settings
 from visloc_companion.config import GnssConfig, InjectionConfig, LocaliserConfig, NavigatorConfig, parse_config
 from visloc_companion.config_section import LEAST, MOST, Section

@@ -16,17 +16,17 @@ from visloc_companion.app.localiser import configured_localiser
 from visloc_companion.config import CameraConfig, LocaliserConfig
 from visloc_companion.errors import OutsideMap
 from visloc_companion.geo.se3 import quat_from_euler
-from visloc_companion.localise.map_shape import OverPlane
-from visloc_companion.localise.rolling_shutter import Unrolled
-from visloc_companion.localise.still_picture import MovingFramesOnly
-from visloc_companion.localise.twice import CheckedTwice
-from visloc_companion.localise.with_motion import WithMotion
-from visloc_companion.localise.with_turn import WithTurn
-from visloc_companion.localise.zoomed import Zoomed
+from visloc_companion.localise.around.map_shape import OverPlane
+from visloc_companion.localise.around.rolling_shutter import Unrolled
+from visloc_companion.localise.around.still_picture import MovingFramesOnly
+from visloc_companion.localise.around.twice import CheckedTwice
+from visloc_companion.localise.around.with_motion import WithMotion
+from visloc_companion.localise.around.with_turn import WithTurn
+from visloc_companion.localise.around.zoomed import Zoomed
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.protocols import Localiser
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_motion import Shot
+from visloc_companion.sim.rendering.render_motion import Shot
 from visloc_companion.types import CameraModel, FrameRef, GeoPoint, LocaliseRequest, PosePrior, Readout
 
 MODEL = camera_model(CameraConfig())

@@ -11,16 +11,16 @@ from typing import Any
 
 import pytest
 
-from visloc_companion.evaluate import real_world
+from visloc_companion.evaluate.real import real_world
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import ProceduralWorld, procedural_world
 from visloc_companion.sim.flight import Eyes
-from visloc_companion.sim.imu import NOISY
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.scenario import RealScenario
 from visloc_companion.sim.real.scenarios import real_scenario
-from visloc_companion.sim.vehicle_model import ARDUPILOT_SITL, PX4_SIH, Drag
+from visloc_companion.sim.vehicles.imu import NOISY
+from visloc_companion.sim.vehicles.vehicle_model import ARDUPILOT_SITL, PX4_SIH, Drag
 from visloc_companion.types import FrameRef, GeoPoint, LocaliseRequest, PosePrior
 
 ROOT = Path(__file__).resolve().parents[3]

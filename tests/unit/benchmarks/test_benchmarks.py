@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from visloc_companion.errors import Reason
-from visloc_companion.evaluate.image_metrics import CaseResult
-from visloc_companion.evaluate.map_sigma import MapSigma, with_map_sigma
+from visloc_companion.evaluate.images.image_metrics import CaseResult
+from visloc_companion.evaluate.images.map_sigma import MapSigma, with_map_sigma
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.localise.verify import AGAIN_WEIGHTS, DEEP_WEIGHTS, Evidence, probability_wrong
 from visloc_companion.types import Fix, GeoPoint

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.evaluate.cases import Truth
-from visloc_companion.evaluate.image_metrics import CaseResult
+from visloc_companion.evaluate.images.image_metrics import CaseResult
 from visloc_companion.localise.verify import AGAIN_WEIGHTS, DEEP_WEIGHTS, QUARTER_WEIGHTS, Evidence
 from visloc_companion.types import Fix, GeoPoint
 

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.camera_time import HEAD, Learned, Pipeline, figures, line
 from benchmarks.camera_time_loop import Conditions, flown
 from benchmarks.camera_time_loop import figures as loop_figures
-from benchmarks.camera_time_world import ATTITUDE_S, MODEL, Flight, pilot_of, told
+from benchmarks.worlds.camera_time_world import ATTITUDE_S, MODEL, Flight, pilot_of, told
 from visloc_companion.geo.se3 import angle_between, quat_from_euler
 from visloc_companion.types import GeoPoint
 

@@ -9,10 +9,10 @@ import pytest
 
 pytest.importorskip("laspy")
 
-from benchmarks.bare_clouds import BARE, write_bare_clouds
 from benchmarks.calibrate_clouds import crossed, fitted
-from benchmarks.cloud_answers import answer_of, covered
-from benchmarks.cloud_cases import CloudCase, elsewhere, foreign, thinned
+from benchmarks.cloud_sets.bare_clouds import BARE, write_bare_clouds
+from benchmarks.cloud_sets.cloud_answers import answer_of, covered
+from benchmarks.cloud_sets.cloud_cases import CloudCase, elsewhere, foreign, thinned
 from benchmarks.clouds import figures, groups, number, pooled
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
@@ -102,7 +102,7 @@ def test_the_logistic_fit_finds_the_weights_that_made_the_answers():
 
 
 def test_bare_clouds_are_what_they_say(tmp_path, monkeypatch):
-    monkeypatch.setattr("benchmarks.bare_clouds.DENSITY", 0.05)
+    monkeypatch.setattr("benchmarks.cloud_sets.bare_clouds.DENSITY", 0.05)
     folder = write_bare_clouds(tmp_path / "bare", 3)
     assert {f.stem for f in folder.glob("*.laz")} == set(BARE)
     xy = np.array([[150.0, 8.0], [150.0, 12.0], [20.0, 8.0]])

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import disturbances
-from benchmarks.disturbances import KINDS, Disturber, Taken
 from benchmarks.disturbed import beyond, figures, flown, held
+from benchmarks.flown import disturbances
+from benchmarks.flown.disturbances import KINDS, Disturber, Taken
 from visloc_companion.errors import ConfigError
 from visloc_companion.types import AutopilotKind
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.error_budget import all_sources, body_mean, body_rms, drawn, either_way, flown_of, mean, stated_of, table
-from benchmarks.error_budget_flights import Errors
+from benchmarks.flown.error_budget_flights import Errors
 from visloc_companion.evaluate.error_budget import Term
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from benchmarks.flown.kidnapped_flight import STEP_S, KidnappedFlight, Outcome, Way
 from benchmarks.kidnapped import HEADER, Kept, main, row, summary
-from benchmarks.kidnapped_flight import STEP_S, KidnappedFlight, Outcome, Way
-from benchmarks.kidnapped_worlds import MODEL
-from visloc_companion.core.heading_pull import HeadingPull
+from benchmarks.worlds.kidnapped_worlds import MODEL
+from visloc_companion.core.velocity.heading_pull import HeadingPull
 from visloc_companion.geo.wgs84 import distance_m, ned_from_geo
 from visloc_companion.types import Attitude, Event, GeoPoint
 

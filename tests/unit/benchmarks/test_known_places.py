@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.evaluate.cases import Truth
-from visloc_companion.evaluate.image_metrics import CaseResult
+from visloc_companion.evaluate.images.image_metrics import CaseResult
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.types import Fix, GeoPoint
 

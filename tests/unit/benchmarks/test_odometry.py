@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.odometry import Flown, figures, flown, mean_turn, table
 from benchmarks.odometry_blind import CASES
-from benchmarks.odometry_world import FRAMES, MODEL, PERIOD_S, Errors, Flight, path_of, sights
+from benchmarks.worlds.odometry_world import FRAMES, MODEL, PERIOD_S, Errors, Flight, path_of, sights
 from visloc_companion.localise.odometry.base import Surface
 
 EXACT = Errors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, lens=0.0)

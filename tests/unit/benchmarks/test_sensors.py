@@ -10,14 +10,14 @@ import pytest
 import rasterio
 from rasterio.transform import Affine
 
-from benchmarks import sensor_variations as seen
-from benchmarks.cases import MAKER, maker
-from benchmarks.sensor_cases import SIZES, write_map
-from benchmarks.sensor_maps import MAPS
+from benchmarks.image_cases import sensor_variations as seen
+from benchmarks.image_cases.cases import MAKER, maker
+from benchmarks.image_cases.sensor_cases import SIZES, write_map
+from benchmarks.image_cases.sensor_maps import MAPS
 from benchmarks.sensors import COLUMNS, row
 from visloc_companion.errors import Reason
 from visloc_companion.evaluate.cases import Truth
-from visloc_companion.evaluate.image_metrics import CaseResult
+from visloc_companion.evaluate.images.image_metrics import CaseResult
 from visloc_companion.types import Fix, GeoPoint
 
 needs_maker = pytest.mark.skipif(not MAKER.exists(), reason="needs ../shared")

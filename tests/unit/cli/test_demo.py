@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from visloc_companion.cli.demo import demo as command
 from visloc_companion.errors import ConfigError, LinkError
-from visloc_companion.evaluate import demo
-from visloc_companion.evaluate.core_waits import CoreWaits
+from visloc_companion.evaluate.demonstration import demo
+from visloc_companion.evaluate.demonstration.core_waits import CoreWaits
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.types import AutopilotKind
 

@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from tests.unit.evaluate.test_cloud_cases import folder as cloud_folder  # noqa: F401 - a fixture
+from tests.unit.evaluate.clouds.test_cloud_cases import folder as cloud_folder  # noqa: F401 - a fixture
 from tests.unit.evaluate.test_image_cases import folder as image_folder  # noqa: F401 - a fixture
 from visloc_companion.cli.evaluate import evaluate_app
-from visloc_companion.evaluate import cloud, image
+from visloc_companion.evaluate.clouds import cloud
+from visloc_companion.evaluate.images import image
 
 N_DONE = 2
 

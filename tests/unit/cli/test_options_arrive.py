@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 from visloc_companion.adapters.mavlink import operator_call
 from visloc_companion.cli.main import app
 from visloc_companion.doctor import examine
-from visloc_companion.evaluate import cloud, image, map_sigma
+from visloc_companion.evaluate.clouds import cloud
+from visloc_companion.evaluate.images import image, map_sigma
 
 
 class Asked(Exception):

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from visloc_companion.app.journal import JournalHeader, JournalWriter
 from visloc_companion.cli.sim import sim
 from visloc_companion.errors import ConfigError
-from visloc_companion.evaluate import real_world
+from visloc_companion.evaluate.real import real_world
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.sim.real import apart
 from visloc_companion.sim.real.clock import EPOCH_NS

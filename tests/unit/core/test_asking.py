@@ -9,7 +9,7 @@ import pytest
 
 from tests.unit.core.conftest import ns, place_of
 from tests.unit.core.flown import S, frame, quiet, requests, started
-from tests.unit.core.test_ranges import measuring
+from tests.unit.core.terrain.test_ranges import measuring
 from tests.unit.core.test_without_position import without_position
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.errors import Reason

@@ -9,9 +9,9 @@ import pytest
 
 from tests.unit.core.flown import near_sighted, started
 from tests.unit.core.test_gone_on import BACK_S, drifted, sent
-from visloc_companion.core import fusion
-from visloc_companion.core.belief import Belief, Position, seeded
-from visloc_companion.core.propagation import POSITION, VELOCITY, Drive
+from visloc_companion.core.filter import fusion
+from visloc_companion.core.filter.belief import Belief, Position, seeded
+from visloc_companion.core.filter.propagation import POSITION, VELOCITY, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Accepted
 

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from visloc_companion.core import fusion
-from visloc_companion.core.air_velocity import AirError, AirVelocity
-from visloc_companion.core.belief import seeded
-from visloc_companion.core.driving import Velocity
 from visloc_companion.core.estimator import PositionFilter
-from visloc_companion.core.propagation import Drive
+from visloc_companion.core.filter import fusion
+from visloc_companion.core.filter.belief import seeded
+from visloc_companion.core.filter.driving import Velocity
+from visloc_companion.core.filter.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.core.velocity.air_velocity import AirError, AirVelocity
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.protocols import Estimator

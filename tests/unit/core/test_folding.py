@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from visloc_companion.core import fusion
+from visloc_companion.core.filter import fusion
 from visloc_companion.types import Command, Event, Fix, Odometry
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from tests.unit.core.conftest import BOOT_OFFSET_NS, World, ns
 from tests.unit.core.flown import errors, modes, started, texts
-from visloc_companion.core.camera_time import ASK_AFTER_NS
+from visloc_companion.core.camera.camera_time import ASK_AFTER_NS
 from visloc_companion.core.requests import SIGMA_YAW_RAD
 from visloc_companion.core.settings import CoreSettings, GimbalSettings, InjectionSettings
 from visloc_companion.geo import se3, wgs84

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import pytest
 
-from visloc_companion.core.driving import Velocity
+from visloc_companion.core.filter.driving import Velocity
+from visloc_companion.core.filter.motion import Motion
+from visloc_companion.core.filter.propagation import Drive
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
-from visloc_companion.core.motion import Motion
-from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import wgs84

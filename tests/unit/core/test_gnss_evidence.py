@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from visloc_companion.core import gnss_odds, gnss_words
-from visloc_companion.core.gnss_clock import SIGN_NS, GnssClock
-from visloc_companion.core.gnss_map import MapCheck
+from visloc_companion.core.satellites import gnss_odds, gnss_words
+from visloc_companion.core.satellites.gnss_clock import SIGN_NS, GnssClock
+from visloc_companion.core.satellites.gnss_map import MapCheck
 from visloc_companion.types import GeoPoint, Gnss, GnssTime, GnssVerdict, MapAtGnss, Notice, RequestMessage, Severity, Verdict
 
 S = 1_000_000_000

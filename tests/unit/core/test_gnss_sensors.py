@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from visloc_companion.core.gnss_height import HeightTest, pressure_altitude_m
-from visloc_companion.core.gnss_odometry import Lens, OdometryTest
+from visloc_companion.core.satellites.gnss_height import HeightTest, pressure_altitude_m
+from visloc_companion.core.satellites.gnss_odometry import Lens, OdometryTest
 from visloc_companion.types import Baro, GeoPoint
 
 S = 1_000_000_000

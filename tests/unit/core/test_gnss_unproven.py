@@ -13,10 +13,10 @@ from tests.unit.core.conftest import place_of
 from tests.unit.core.flown import near_sighted
 from tests.unit.core.test_gnss import COV, GOOD
 from tests.unit.core.test_restart import DOWN_S, restarted
-from visloc_companion.core import gnss_odds
-from visloc_companion.core.drift import DriftTest
 from visloc_companion.core.gnss import GnssMonitor
-from visloc_companion.core.gnss_witness import Ground
+from visloc_companion.core.satellites import gnss_odds
+from visloc_companion.core.satellites.drift import DriftTest
+from visloc_companion.core.satellites.gnss_witness import Ground
 from visloc_companion.core.settings import GnssSettings
 from visloc_companion.types import AutopilotKind, EkfSource, Fix, LocaliseRequest, SwitchSource, Verdict
 

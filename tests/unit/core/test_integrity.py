@@ -8,9 +8,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from visloc_companion.core import alike
+from visloc_companion.core.filter import alike
+from visloc_companion.core.filter.separation import EVERY, NONE, Solutions
 from visloc_companion.core.integrity import HEIGHT_SHARE, aged, gaussian, protection_level_m, vertical_protection_level_m
-from visloc_companion.core.separation import EVERY, NONE, Solutions
 from visloc_companion.core.settings import NavigatorSettings
 
 SETTINGS = replace(NavigatorSettings(), map_sigma_m=0.0)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
-from visloc_companion.core.switching import HAND_BACK_NS
+from visloc_companion.core.source.switching import HAND_BACK_NS
 from visloc_companion.types import (
     Attitude,
     AutopilotKind,

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visloc_companion.core import fusion, refused
-from visloc_companion.core.belief import Belief, Position, seeded
-from visloc_companion.core.lens_watch import HELD_NS, LensSwings, LensWatch
-from visloc_companion.core.motion import Motion, learned
-from visloc_companion.core.propagation import FIX_LENS, FIX_LENS_SIGMA, ODOMETRY_LENS, POSITION, Drive
-from visloc_companion.core.relocalise import Restart
+from visloc_companion.core.camera.lens_watch import HELD_NS, LensSwings, LensWatch
+from visloc_companion.core.filter import fusion, refused
+from visloc_companion.core.filter.belief import Belief, Position, seeded
+from visloc_companion.core.filter.motion import Motion, learned
+from visloc_companion.core.filter.propagation import FIX_LENS, FIX_LENS_SIGMA, ODOMETRY_LENS, POSITION, Drive
+from visloc_companion.core.filter.relocalise import Restart
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import Accepted, Notice, Severity
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visloc_companion.core import gnss_words
+from visloc_companion.core.satellites import gnss_words
 from visloc_companion.errors import Reason
 from visloc_companion.geo import se3
 from visloc_companion.types import Attitude, Event, Injection, LocaliseRequest, NoFix, Notice, Odometry, Quat, Turn

@@ -13,7 +13,7 @@ import pytest
 from tests.unit.core.conftest import Nobody, place_of
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, GnssSettings, InjectionSettings
-from visloc_companion.core.switching import HAND_BACK_NS
+from visloc_companion.core.source.switching import HAND_BACK_NS
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (
     AutopilotKind,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visloc_companion.core.claims import MOST_APART_SQUARED, NEIGHBOURS_S, Apart, Claim, learned, scattered
-from visloc_companion.core.driving import Velocity
+from visloc_companion.core.filter.claims import MOST_APART_SQUARED, NEIGHBOURS_S, Apart, Claim, learned, scattered
+from visloc_companion.core.filter.driving import Velocity
+from visloc_companion.core.filter.propagation import Drive
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
-from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import wgs84

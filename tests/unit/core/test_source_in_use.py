@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from tests.unit.core.flown import World, started
-from visloc_companion.core.switching import SHUN_NS
+from visloc_companion.core.source.switching import SHUN_NS
 from visloc_companion.types import EkfSource, Injection, SwitchSource
 
 G, V = EkfSource.GNSS, EkfSource.VISION

@@ -10,11 +10,11 @@ import pytest
 
 from tests.unit.core.conftest import ORIGIN, ns
 from tests.unit.core.flown import errors, frame, quiet, requests, started
-from visloc_companion.core.driving import Velocity
+from visloc_companion.core.filter.driving import Velocity
+from visloc_companion.core.filter.propagation import Drive
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.gnss_aiding import GnssAiding
 from visloc_companion.core.navigator import Navigator
-from visloc_companion.core.propagation import Drive
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.errors import Reason

@@ -10,7 +10,7 @@ import pytest
 from tests.unit.core.conftest import BOOT_OFFSET_NS, HEIGHT_M, ns, place_of
 from tests.unit.core.flown import started
 from visloc_companion.core.settings import CoreSettings
-from visloc_companion.core.terrain_aiding import FAR_SIGMA_M, METHOD, SHORTEST_M
+from visloc_companion.core.terrain.terrain_aiding import FAR_SIGMA_M, METHOD, SHORTEST_M
 from visloc_companion.errors import Reason
 from visloc_companion.types import (
     Attitude,

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from visloc_companion.core.driving import Velocity
-from visloc_companion.core.propagation import Drive
+from visloc_companion.core.filter.driving import Velocity
+from visloc_companion.core.filter.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.types import Fix, GeoPoint, LocaliseRequest, Mode

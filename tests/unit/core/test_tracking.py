@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from visloc_companion.core.driving import Velocity
-from visloc_companion.core.propagation import Drive
+from visloc_companion.core.filter.driving import Velocity
+from visloc_companion.core.filter.propagation import Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.geo import wgs84

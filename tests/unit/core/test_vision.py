@@ -11,7 +11,7 @@ import pytest
 from tests.unit.core.conftest import ns, place_of
 from tests.unit.core.flown import frame, quiet, requests, started, texts
 from tests.unit.core.test_open_answers import over_look_alikes
-from visloc_companion.core.terrain_aiding import METHOD as TERRAIN
+from visloc_companion.core.terrain.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.errors import Reason
 from visloc_companion.types import Cov2, Fix, NoFix, Odometry, Rejected, Vec2
 

@@ -12,7 +12,7 @@ import pytest
 from tests.unit.core.conftest import BOOT_OFFSET_NS, HEIGHT_M, ORIGIN, Nobody, ns, place_of
 from visloc_companion.core.navigator import Navigator
 from visloc_companion.core.settings import CoreSettings, InjectionSettings
-from visloc_companion.core.steering import UNPROVEN, UNSEEN_S
+from visloc_companion.core.source.steering import UNPROVEN, UNSEEN_S
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.types import (

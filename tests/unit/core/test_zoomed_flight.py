@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visloc_companion.core.zoom_ramp import FOLLOWED_SHARE
+from visloc_companion.core.camera.zoom_ramp import FOLLOWED_SHARE
 from visloc_companion.errors import Reason
 from visloc_companion.geo import wgs84
 from visloc_companion.sim.real.oracle import answered_height

@@ -15,7 +15,7 @@ from tests.unit.doctor.parameter_files import read_parameters
 from visloc_companion.config import parse_config
 from visloc_companion.doctor.facts import CameraFacts, Facts, LinkFacts, MapFacts, ModelFacts, SystemFacts
 from visloc_companion.sim.autopilot import BuiltInAutopilot
-from visloc_companion.sim.autopilot_parameters import PREPARED, TOLD
+from visloc_companion.sim.autopilots.autopilot_parameters import PREPARED, TOLD
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -25,7 +25,7 @@ from visloc_companion.doctor.report import as_json, summary
 from visloc_companion.errors import ConfigError
 from visloc_companion.sim.autopilot import BuiltInAutopilot
 from visloc_companion.sim.faults import no_gnss
-from visloc_companion.sim.gimbal import GimbalPlan
+from visloc_companion.sim.vehicles.gimbal import GimbalPlan
 from visloc_companion.testing.loopback import free_port
 from visloc_companion.testing.signing_peer import PymavlinkSigning
 from visloc_companion.types import AutopilotKind

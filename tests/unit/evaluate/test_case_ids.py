@@ -7,8 +7,8 @@ import pytest
 from visloc_companion.errors import CasesError
 from visloc_companion.evaluate.case_ids import require_distinct, require_truth_of
 from visloc_companion.evaluate.cases import COLUMNS, TRUTH_COLUMNS, Case, read_cases, read_truth
-from visloc_companion.evaluate.cloud_cases import read_cloud_cases, read_cloud_truth
-from visloc_companion.evaluate.image import evaluate_image
+from visloc_companion.evaluate.clouds.cloud_cases import read_cloud_cases, read_cloud_truth
+from visloc_companion.evaluate.images.image import evaluate_image
 
 CASE = "a,f.png,o.tif,,100,100,50,50,,47,8,100,0,0,0,10,5,1,0.1"
 IDENTITY = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"

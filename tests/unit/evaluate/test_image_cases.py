@@ -20,9 +20,9 @@ from typer.testing import CliRunner
 from visloc_companion.cli.evaluate import evaluate_app
 from visloc_companion.errors import ConfigError, ModelError, Reason
 from visloc_companion.evaluate.cases import COLUMNS, Case, read_cases, read_truth
-from visloc_companion.evaluate.image import evaluate_image, run_case
-from visloc_companion.evaluate.image_metrics import CaseResult, case_error, summarise
-from visloc_companion.evaluate.map_sigma import MapSigma
+from visloc_companion.evaluate.images.image import evaluate_image, run_case
+from visloc_companion.evaluate.images.image_metrics import CaseResult, case_error, summarise
+from visloc_companion.evaluate.images.map_sigma import MapSigma
 from visloc_companion.localise.registry import METHODS, ON_FEATURES
 from visloc_companion.localise.runtime import NetworkChoice
 
@@ -184,7 +184,7 @@ def test_a_killed_worker_does_not_end_the_run(folder, document, dying_pool):
 
 
 def test_a_fault_over_one_case_costs_the_others_nothing(folder, document, monkeypatch):
-    from visloc_companion.evaluate import image
+    from visloc_companion.evaluate.images import image
 
     made = image.make_localiser
     first = read_cases(folder)[0].case_id
@@ -282,7 +282,7 @@ def test_a_result_that_could_not_be_written_is_refused_before_the_work(folder, t
 
 
 def test_a_report_that_could_not_be_written_is_refused_before_the_work(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("visloc_companion.evaluate.image.evaluate_image", None)
+    monkeypatch.setattr("visloc_companion.evaluate.images.image.evaluate_image", None)
     (tmp_path / "report").write_text("a file")
     refused = CliRunner().invoke(evaluate_app, ["image", str(folder), "--report", str(tmp_path / "report")])
     assert isinstance(refused.exception, ConfigError) and "writable folder for --report" in str(refused.exception)

@@ -11,7 +11,7 @@ import pytest
 
 from tests.unit.landing_gear import legs, with_gear
 from visloc_companion.evaluate.cases import COLUMNS, read_cases
-from visloc_companion.evaluate.image import evaluate_image
+from visloc_companion.evaluate.images.image import evaluate_image
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.types import Image
 

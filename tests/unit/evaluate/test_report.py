@@ -14,10 +14,10 @@ import pytest
 from visloc_companion.evaluate.gate import Check
 from visloc_companion.evaluate.record import FlightRecord, Track, from_entries
 from visloc_companion.evaluate.report import write_flight_report
-from visloc_companion.evaluate.report_charts import time_chart
-from visloc_companion.evaluate.report_map import MapImage, View, flight_map, flight_view, view_of
-from visloc_companion.evaluate.report_pictures import PicturePair
-from visloc_companion.evaluate.report_svg import Scale, decades, nice_step, number, path, thinned, thinned_track, ticks
+from visloc_companion.evaluate.reports.report_charts import time_chart
+from visloc_companion.evaluate.reports.report_map import MapImage, View, flight_map, flight_view, view_of
+from visloc_companion.evaluate.reports.report_pictures import PicturePair
+from visloc_companion.evaluate.reports.report_svg import Scale, decades, nice_step, number, path, thinned, thinned_track, ticks
 
 VOID = {"meta", "link", "line", "circle", "path", "image", "img"}
 

@@ -8,10 +8,10 @@ from types import ModuleType
 
 import pytest
 
-from visloc_companion.evaluate import cloud_report
-from visloc_companion.evaluate.cloud_metrics import summarise as summarise_clouds
-from visloc_companion.evaluate.image_metrics import summarise
-from visloc_companion.evaluate.image_report import write_image_report
+from visloc_companion.evaluate.clouds import cloud_report
+from visloc_companion.evaluate.clouds.cloud_metrics import summarise as summarise_clouds
+from visloc_companion.evaluate.images.image_metrics import summarise
+from visloc_companion.evaluate.images.image_report import write_image_report
 from visloc_companion.evaluate.metrics import write_epochs
 from visloc_companion.evaluate.report import write_flight_report
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from visloc_companion.evaluate.record import from_entries
-from visloc_companion.evaluate.report_stanford import stanford_section
+from visloc_companion.evaluate.reports.report_stanford import stanford_section
 from visloc_companion.evaluate.stanford import DEFAULT_VERTICAL_LIMIT_M, Region, horizontal, regions, vertical
 
 

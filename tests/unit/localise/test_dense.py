@@ -223,8 +223,8 @@ def test_unknown_method_is_named():
 @pytest.mark.parametrize(("radius_m", "side_px", "left_out"), [(2000.0, 4000, 0.0), (120.0, 4000, 0.36), (2000.0, 180, 0.18)])
 def test_a_search_that_leaves_out_some_of_the_prior_says_so(radius_m, side_px, left_out, flat, support, monkeypatch):
     """A window of the map has a largest side, and a search a largest radius: beyond them a place was left out without a word."""
-    monkeypatch.setattr("visloc_companion.localise.window.MAX_SIDE_PX", side_px)
-    monkeypatch.setattr("visloc_companion.localise.matching.MAX_SIDE_PX", side_px)
+    monkeypatch.setattr("visloc_companion.localise.mapped.window.MAX_SIDE_PX", side_px)
+    monkeypatch.setattr("visloc_companion.localise.candidates.matching.MAX_SIDE_PX", side_px)
     truth = (5.0, 8.0, -240.0)
     frame = support.render(flat, MODEL, truth, LEVEL)
     request = support.request_at((0.0, 0.0, -240.0), LEVEL, sigma_m=85.0)

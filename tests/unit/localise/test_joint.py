@@ -10,7 +10,8 @@ from visloc_companion.errors import Reason
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.localise import align
-from visloc_companion.localise.descent import rectified
+from visloc_companion.localise.candidates.descent import rectified
+from visloc_companion.localise.candidates.pyramid import LEVELS, view, window
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.joint import (
     JointFrame,
@@ -22,7 +23,6 @@ from visloc_companion.localise.joint import (
 )
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, make_plan
-from visloc_companion.localise.pyramid import LEVELS, view, window
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.types import CameraModel
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.photos import TILT_KNOWN, drone_urban
+from benchmarks.image_cases.photos import TILT_KNOWN, drone_urban
 from visloc_companion.evaluate.cases import Case, read_cases, read_frame, read_truth
-from visloc_companion.evaluate.image_metrics import CaseResult, case_error
+from visloc_companion.evaluate.images.image_metrics import CaseResult, case_error
 from visloc_companion.localise.keypoint import MATCHED_AT_ONCE, _detect, _two_nearest
 from visloc_companion.localise.registry import make_localiser
 from visloc_companion.maps.raster import RasterMap

@@ -14,10 +14,10 @@ from visloc_companion.errors import Reason
 from visloc_companion.geo.camera import scaled
 from visloc_companion.geo.pinhole_view import pinhole_view
 from visloc_companion.geo.wgs84 import ned_from_geo
+from visloc_companion.localise.around.rectified import rectified
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import check_pixels, full_level
 from visloc_companion.localise.masked import MARGIN_RAD, behind_the_mask, ground_of, painted_over, with_margin
-from visloc_companion.localise.rectified import rectified
 from visloc_companion.localise.registry import METHODS, make_localiser, needs_features
 from visloc_companion.localise.working_size import reduced_model
 from visloc_companion.types import CameraMask, CameraModel, Fix, GeoPoint, Image, NoFix, Vec3

@@ -7,16 +7,16 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import ned_from_geo
+from visloc_companion.localise.candidates.hypotheses import hypotheses, search_box
 from visloc_companion.localise.features.gradient import eroded
 from visloc_companion.localise.frame import full_level
-from visloc_companion.localise.hypotheses import hypotheses, search_box
 from visloc_companion.localise.joint_histogram import bin_edges, labelled, mutual_information, search_histograms
+from visloc_companion.localise.mapped.window import map_grid
 from visloc_companion.localise.mutual_information import MutualInformationLocaliser
 from visloc_companion.localise.ortho_rectify import CameraPose, rectify_plane
 from visloc_companion.localise.plan import SearchPlan, make_plan, turned
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.template import GREY
-from visloc_companion.localise.window import map_grid
 from visloc_companion.types import CameraModel, Fix, GeoPoint, NoFix
 
 HOME = GeoPoint(47.0, 8.0, 0.0)

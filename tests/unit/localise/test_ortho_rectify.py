@@ -9,9 +9,9 @@ from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.localise.frame import full_level, reduced
 from visloc_companion.localise.local_frame import local_frame
+from visloc_companion.localise.mapped.window import cropped, map_grid
 from visloc_companion.localise.ortho_rectify import CameraPose, rectify_plane, rectify_surface, sampling_weight
 from visloc_companion.localise.template import GREY
-from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.types import CameraModel, GeoPoint
 
 HOME = GeoPoint(47.0, 8.0, 0.0)

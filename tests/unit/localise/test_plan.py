@@ -9,14 +9,14 @@ from visloc_companion.errors import Reason
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.localise import plan as plan_module
+from visloc_companion.localise.candidates.frame_features import ForEachPose
+from visloc_companion.localise.candidates.hypotheses import search_box, search_window
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.localise.frame import full_level, reduced
-from visloc_companion.localise.frame_features import ForEachPose
-from visloc_companion.localise.hypotheses import search_box, search_window
+from visloc_companion.localise.mapped.window import cropped, map_grid
 from visloc_companion.localise.ortho_rectify import CameraPose
 from visloc_companion.localise.plan import SearchPlan, make_plan, middle_of_view, view_box
 from visloc_companion.localise.settings import LocaliserSettings
-from visloc_companion.localise.window import cropped, map_grid
 from visloc_companion.types import CameraModel
 
 MODEL = CameraModel(160, 120, 140.0, 140.0, 79.5, 59.5)

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.unit.localise.test_with_motion import MODEL, MS, Witness, along
+from tests.unit.localise.around.test_with_motion import MODEL, MS, Witness, along
 from visloc_companion.geo.se3 import quat_from_euler, rotate
+from visloc_companion.localise.around.with_motion import WithMotion
 from visloc_companion.localise.odometry.base import Surface
 from visloc_companion.localise.ranged import fits, fits_height, is_plane
 from visloc_companion.localise.terrain.tallest import TALLEST_M
-from visloc_companion.localise.with_motion import WithMotion
 from visloc_companion.types import Beam, Odometry, Vec3
 
 GROUND_M, TOO_HIGH_M = 100.0, 6.0

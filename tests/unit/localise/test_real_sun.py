@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from visloc_companion.localise.light import sun_over
+from visloc_companion.localise.mapped.light import sun_over
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.photos import TAKEOFF, TILT_KNOWN, drone_urban
+from benchmarks.image_cases.photos import TAKEOFF, TILT_KNOWN, drone_urban
 from visloc_companion.errors import Reason
 from visloc_companion.evaluate.cases import Case, read_cases, read_frame
 from visloc_companion.localise.features.onnx import open_features

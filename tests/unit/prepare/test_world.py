@@ -148,7 +148,7 @@ def test_other_code_makes_another_world(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 
 def test_all_code_that_makes_a_world_makes_another_one_where_it_changes() -> None:
-    """A change of localise/shadow.py left kept worlds with the shadows of before."""
+    """A change of localise/mapped/shadow.py left kept worlds with the shadows of before."""
     root = Path(visloc_companion.__file__).parents[1]
     folder = root / "visloc_companion"
     made_by, left = set[Path](), [folder / "sim" / "landscape.py", folder / "prepare" / "build.py"]

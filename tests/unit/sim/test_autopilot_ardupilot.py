@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from visloc_companion.sim import faults
-from visloc_companion.sim.estimator_ardupilot import position_error_m
+from visloc_companion.sim.estimators.estimator_ardupilot import position_error_m
 
 SET_SOURCE = mavlink.MAV_CMD_SET_EKF_SOURCE_SET
 NAN = math.nan

@@ -5,7 +5,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned
 from visloc_companion.sim.autopilot import BuiltInAutopilot
-from visloc_companion.sim.autopilot_parameters import PREPARED, TOLD, decode
+from visloc_companion.sim.autopilots.autopilot_parameters import PREPARED, TOLD, decode
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 HOME = GeoPoint(47.3977, 8.5456, 488.0)

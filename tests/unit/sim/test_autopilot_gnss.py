@@ -5,7 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from visloc_companion.core.gnss_height import pressure_altitude_m
+from visloc_companion.core.satellites.gnss_height import pressure_altitude_m
 from visloc_companion.sim import faults
 from visloc_companion.types import GeoPoint
 

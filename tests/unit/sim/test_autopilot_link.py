@@ -11,7 +11,7 @@ from visloc_companion.geo.se3 import angle_between, euler_from_quat
 from visloc_companion.geo.wgs84 import autopilot_ned_from_geo
 from visloc_companion.sim import faults
 from visloc_companion.sim.autopilot import BuiltInAutopilot
-from visloc_companion.sim.autopilot_clock import JitterCorrection, Px4Timesync
+from visloc_companion.sim.autopilots.autopilot_clock import JitterCorrection, Px4Timesync
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 HOME = GeoPoint(47.3977, 8.5456, 488.0)

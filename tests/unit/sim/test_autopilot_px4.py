@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from visloc_companion.sim import faults
-from visloc_companion.sim.vehicle_model import PX4_SIH
+from visloc_companion.sim.vehicles.vehicle_model import PX4_SIH
 
 NAN = math.nan
 

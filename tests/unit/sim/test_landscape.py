@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from visloc_companion.geo.wgs84 import distance_m
-from visloc_companion.localise.shadow import cast_shadow
+from visloc_companion.localise.mapped.shadow import cast_shadow
 from visloc_companion.maps.crs import map_crs
+from visloc_companion.sim.land.landscape_grid import Grid
+from visloc_companion.sim.land.landscape_ground import lasting_layers
+from visloc_companion.sim.land.landscape_objects import place_buildings, plant_trees
+from visloc_companion.sim.land.landscape_plan import Line, Use, make_plan
+from visloc_companion.sim.land.landscape_snow import drifted, snowed
+from visloc_companion.sim.land.landscape_stamps import Objects
+from visloc_companion.sim.land.landscape_terrain import terrain
+from visloc_companion.sim.land.season import DEEP_SNOW, SNOW, SnowCover
 from visloc_companion.sim.landscape import build_landscape, home
-from visloc_companion.sim.landscape_grid import Grid
-from visloc_companion.sim.landscape_ground import lasting_layers
-from visloc_companion.sim.landscape_objects import place_buildings, plant_trees
-from visloc_companion.sim.landscape_plan import Line, Use, make_plan
-from visloc_companion.sim.landscape_snow import drifted, snowed
-from visloc_companion.sim.landscape_stamps import Objects
-from visloc_companion.sim.landscape_terrain import terrain
 from visloc_companion.sim.scene import Scene
-from visloc_companion.sim.season import DEEP_SNOW, SNOW, SnowCover
 from visloc_companion.types import GeoPoint
 
 SIZE_M, GSD_M = 900.0, 1.0

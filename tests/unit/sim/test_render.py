@@ -14,7 +14,7 @@ from visloc_companion.geo.se3 import R_from_quat, quat_from_euler
 from visloc_companion.geo.wgs84 import radii_m
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import AIRLIGHT, CameraEffects, apply_effects
+from visloc_companion.sim.rendering.render_effects import AIRLIGHT, CameraEffects, apply_effects
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import CameraModel, FloatArray, GeoPoint, Image, Quat
 

@@ -5,12 +5,12 @@ from random import Random
 import pytest
 
 from visloc_companion.sim.autopilot import BuiltInAutopilot
-from visloc_companion.sim.control import Estimated, MissionPath
-from visloc_companion.sim.control_plane import PlaneControl
+from visloc_companion.sim.autopilots.control import Estimated, MissionPath
+from visloc_companion.sim.autopilots.control_plane import PlaneControl
 from visloc_companion.sim.vehicle import GRAVITY_MPS2, Body
-from visloc_companion.sim.vehicle_copter import Copter, CopterCommand
-from visloc_companion.sim.vehicle_noise import GaussMarkov, Wind
-from visloc_companion.sim.vehicle_plane import Plane, PlaneCommand
+from visloc_companion.sim.vehicles.vehicle_copter import Copter, CopterCommand
+from visloc_companion.sim.vehicles.vehicle_noise import GaussMarkov, Wind
+from visloc_companion.sim.vehicles.vehicle_plane import Plane, PlaneCommand
 from visloc_companion.types import AutopilotKind, GeoPoint
 
 HOME = GeoPoint(47.3977, 8.5456, 488.0)

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.unit.web.snapshots import SNAPSHOT, snapshot
-from visloc_companion.core import gnss_words, terrain_aiding
+from visloc_companion.core.satellites import gnss_words
+from visloc_companion.core.terrain import terrain_aiding
 from visloc_companion.doctor.rules import system
 from visloc_companion.errors import Reason
 from visloc_companion.localise.structure import localiser as structure

@@ -10,7 +10,7 @@ from __future__ import annotations
 WAITED = "waited in a buffer while the camera stalled"
 LEAST_STALL_S, STALL_PERIODS = 0.25, 3.0
 """A gap is a stall from so many seconds and so many periods on: shorter ones are jitter, which the frames' even clock takes out
-(core/frame_clock.py), or a lost frame or two."""
+(core/camera/frame_clock.py), or a lost frame or two."""
 WAITED_PERIODS = 0.5
 """A frame that comes so long after the one before was waited for."""
 GAPS = 8

@@ -6,7 +6,7 @@ import statistics
 from collections.abc import Sequence
 
 from visloc_companion.adapters.logs.recording import NS_PER_S
-from visloc_companion.core.gnss_clock import JUMP_BY_ARRIVAL_NS
+from visloc_companion.core.satellites.gnss_clock import JUMP_BY_ARRIVAL_NS
 from visloc_companion.types import Event, GnssTime
 
 Told = tuple[int, int]

@@ -12,7 +12,7 @@ from visloc_companion.adapters.logs.ulog_format import Row
 from visloc_companion.types import Event, GnssIntegrity
 
 _AGAIN_NS = NS_PER_S
-"""A state that lasts is told so often; what was told lapses after some seconds (core/gnss_receiver.py)."""
+"""A state that lasts is told so often; what was told lapses after some seconds (core/satellites/gnss_receiver.py)."""
 _UNKNOWN, _DETECTED = 0, 3
 _INDICATED = 2
 """Of spoofing before 1.14: indicated, with 3 for indicated more than once; since then 2 is mitigated (SensorGps.msg)."""

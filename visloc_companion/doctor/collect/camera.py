@@ -15,8 +15,8 @@ from visloc_companion.doctor.collect.still import StillEdges
 from visloc_companion.doctor.facts import CameraFacts
 from visloc_companion.errors import VislocError
 from visloc_companion.geo.pinhole_view import pinhole_view
+from visloc_companion.localise.around.rectified import rectified
 from visloc_companion.localise.masked import ground_of
-from visloc_companion.localise.rectified import rectified
 from visloc_companion.protocols import Camera, Clock
 from visloc_companion.types import CameraModel, FrameRef, Image
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.errors import Reason
-from visloc_companion.localise.ground import filled
+from visloc_companion.localise.mapped.ground import filled
 from visloc_companion.types import FloatArray, Image, Odometry, Quat, Vec2
 
 

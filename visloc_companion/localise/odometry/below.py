@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from visloc_companion.geo.raster import apply_affine, invert_affine
 from visloc_companion.geo.ray import intersect_surface
+from visloc_companion.localise.mapped.surface_error import LOCAL_SHARE, above_opening, unresolved_of, unresolved_parts
 from visloc_companion.localise.odometry.base import FlowSettings, Sight, Surface
 from visloc_companion.localise.odometry.solve import Ground
-from visloc_companion.localise.surface_error import LOCAL_SHARE, above_opening, unresolved_of, unresolved_parts
 from visloc_companion.types import FloatArray, Vec2
 
 STEEPEST = math.cos(math.radians(72.0))

@@ -1,8 +1,8 @@
 """How the camera turned from one frame to the next, and since one further back, by the picture alone.
 
-From frame to frame it tells a clock that is off (core/camera_time.py) and how the attitude's error changes. Errors of turns that
-follow each other add up, to 0.34 degrees within 3 s over rendered flights; a turn since a frame of 3 s ago, over the same ground,
-errs by 0.2 (decision 43).
+From frame to frame it tells a clock that is off (core/camera/camera_time.py) and how the attitude's error changes. Errors of
+turns that follow each other add up, to 0.34 degrees within 3 s over rendered flights; a turn since a frame of 3 s ago, over the
+same ground, errs by 0.2 (decision 43).
 """
 
 from __future__ import annotations

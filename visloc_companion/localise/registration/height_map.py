@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.localise.features.base import Float32Array, Mask
-from visloc_companion.localise.plane_fit import design_of, plane_through
+from visloc_companion.localise.mapped.plane_fit import design_of, plane_through
 from visloc_companion.types import FloatArray
 
 SPIKE_M = 2.5

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from visloc_companion.core.covariance import largest_sigma_m
-from visloc_companion.core.propagation import ODOMETRY_HEADING_SIGMA_RAD
+from visloc_companion.core.filter.propagation import ODOMETRY_HEADING_SIGMA_RAD
 from visloc_companion.errors import MapError, OutsideMap, Reason
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import R_from_quat

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visloc_companion.core.terrain_aiding import METHOD
+from visloc_companion.core.terrain.terrain_aiding import METHOD
 from visloc_companion.errors import MapError, OutsideMap, Reason
 from visloc_companion.localise.answer import Stopwatch
 from visloc_companion.localise.local_frame import LocalFrame, local_frame

@@ -10,7 +10,7 @@ import numpy as np
 
 from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.errors import Reason
-from visloc_companion.localise.posterior import posterior
+from visloc_companion.localise.candidates.posterior import posterior
 from visloc_companion.localise.search import NO_SCORE
 from visloc_companion.localise.terrain import refine as fine
 from visloc_companion.localise.terrain.base import Kind, NoTerrainFix, Soundings, TerrainFix, TerrainPrior

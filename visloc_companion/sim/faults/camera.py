@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.rendering.render_effects import CameraEffects
 
 SHUTTER_S = 0.002
 """Exposure by day: a vehicle at 10 m/s moves by 2 cm meanwhile."""

@@ -39,7 +39,7 @@ FOLLOWED_NS = 2_000_000_000
 
 def answered_height(seen_amsl_m: float, prior: PosePrior, seen_sigma_m: float = HEIGHT_SIGMA_M) -> tuple[float, float]:
     """Height (m above sea level) and its 1-sigma (m) of a fix that saw this one to a 1-sigma: as in a localiser's, the prior of
-    the request is in them (core/height.py takes it out again)."""
+    the request is in them (core/heights/height.py takes it out again)."""
     own, known = seen_sigma_m**-2, prior.sigma_h_m**-2
     whole = own + known
     return (own * seen_amsl_m + known * prior.place.h_amsl_m) / whole, whole**-0.5

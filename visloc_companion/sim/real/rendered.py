@@ -14,7 +14,7 @@ from visloc_companion.sim.real.priority import in_turn
 from visloc_companion.sim.real.programs import Running
 from visloc_companion.sim.real.scenario import SeenWorld
 from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.render_effects import CameraEffects
+from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import Fix, LocaliseRequest, NoFix
 

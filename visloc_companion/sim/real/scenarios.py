@@ -1,7 +1,7 @@
 """The flights against real simulators: which circuit, what goes wrong, when, and what is asked of each.
 
 Unless a flight says otherwise (`p95_limit_m`) the autopilot's own error stays within 3 m (copters) or 5 m (planes) for 95 % of
-the time on vision, without a failsafe (evaluate/real_flight.py).
+the time on vision, without a failsafe (evaluate/real/real_flight.py).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from visloc_companion.sim.real.oracle import OracleSettings
 from visloc_companion.sim.real.pilot import Leg, Route
 from visloc_companion.sim.real.programs import Simulator
 from visloc_companion.sim.real.scenario import Brake, Operator, RealScenario
-from visloc_companion.sim.vehicle_model import Drag
+from visloc_companion.sim.vehicles.vehicle_model import Drag
 
 EXTRA_LATENCY_S = 0.3
 COPTER_ROUTE = Route(

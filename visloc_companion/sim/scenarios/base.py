@@ -9,8 +9,8 @@ from typing import Literal
 from visloc_companion.errors import ConfigError
 from visloc_companion.sim.changes import Change
 from visloc_companion.sim.faults import FaultSchedule
-from visloc_companion.sim.gimbal import GimbalPlan
-from visloc_companion.sim.season import Date
+from visloc_companion.sim.land.season import Date
+from visloc_companion.sim.vehicles.gimbal import GimbalPlan
 from visloc_companion.types import Mode, Verdict
 
 Course = Literal["loop", "zigzag", "over_the_edge", "out_to_sea"]

@@ -10,8 +10,8 @@ from visloc_companion.sim.scenarios.world import FAULT_S, JAM_S, RATE_HZ, UNSOLV
 from visloc_companion.types import Mode
 
 AIR_KNOWN_S = 40.0
-"""A plane's wind and pitot tube are known after 20 samples a second apart (core/pitot.py). Between frames 7 s apart nothing else
-tells its velocity but the autopilot, which rests on what we send."""
+"""A plane's wind and pitot tube are known after 20 samples a second apart (velocity/pitot.py). Between frames 7 s apart nothing
+else tells its velocity but the autopilot, which rests on what we send."""
 
 CAMERA: dict[str, Scenario] = by_name(
     Scenario(

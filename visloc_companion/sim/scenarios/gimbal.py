@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from visloc_companion.sim import faults
-from visloc_companion.sim.gimbal import GimbalPlan
 from visloc_companion.sim.scenarios.base import Expectation, Scenario, by_name
 from visloc_companion.sim.scenarios.world import JAM_S, RATE_HZ
+from visloc_companion.sim.vehicles.gimbal import GimbalPlan
 from visloc_companion.types import Mode
 
 DOWN_RAD = -math.pi / 2

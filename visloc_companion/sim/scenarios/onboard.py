@@ -11,7 +11,7 @@ from visloc_companion.types import Mode
 
 SILENT_PLANE_M = 32.0
 """How a plane turned within 4 s of silence nobody tells: where the velocity is not told its 1-sigma is 3 m/s on each axis
-(core/fusion.py), 13 m in 4 s with what was known before, and 95 % are within 2.45 of those."""
+(core/filter/fusion.py), 13 m in 4 s with what was known before, and 95 % are within 2.45 of those."""
 
 ONBOARD: dict[str, Scenario] = by_name(
     Scenario(

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from visloc_companion.localise.mapped.surface_error import LOCAL_SHARE
 from visloc_companion.localise.odometry.base import FlowSettings
 from visloc_companion.localise.odometry.below import Reading, descends, heights_above, on_plane, on_surface, read_near
-from visloc_companion.localise.surface_error import LOCAL_SHARE
 
 SETTINGS = FlowSettings()
 RAYS = np.array([[0.0, 0.0, 1.0], [0.5, 0.2, 1.0], [-0.8, 0.1, 1.0]])

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from visloc_companion.localise.flow import FrameToFrame
+from visloc_companion.localise.mapped.surface_error import unresolved_of, unresolved_parts
 from visloc_companion.localise.odometry.base import FlowSettings, Sight, Step, Surface
 from visloc_companion.localise.odometry.below import on_surface
-from visloc_companion.localise.surface_error import unresolved_of, unresolved_parts
 from visloc_companion.types import CameraModel
 
 MODEL = CameraModel(320, 240, 280.0, 280.0, 159.5, 119.5)

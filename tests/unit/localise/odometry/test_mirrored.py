@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.core.attitude import AttitudeBuffer
-from visloc_companion.core.mirror_watch import MirrorWatch
+from visloc_companion.core.camera.mirror_watch import MirrorWatch
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.localise.odometry.rotation import TurnWatch

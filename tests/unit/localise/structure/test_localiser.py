@@ -12,6 +12,7 @@ from visloc_companion.errors import MapError, OutsideMap, Reason
 from visloc_companion.geo.camera import R_FRD_CAM
 from visloc_companion.geo.se3 import quat_from_euler, quat_from_R
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
+from visloc_companion.localise.around.votes import TwoVotes
 from visloc_companion.localise.registration.registry import make_registration
 from visloc_companion.localise.settings import LocaliserSettings
 from visloc_companion.localise.structure.history import (
@@ -24,7 +25,6 @@ from visloc_companion.localise.structure.history import (
 )
 from visloc_companion.localise.structure.localiser import StructureLocaliser
 from visloc_companion.localise.structure.registered_pose import NED_ENU
-from visloc_companion.localise.votes import TwoVotes
 from visloc_companion.types import Fix, FrameRef, GeoPoint, LocaliseRequest, NoFix, PosePrior, Vote
 
 HOME = GeoPoint(47.0, 8.0, 0.0)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visloc_companion.core.terrain_aiding import METHOD
+from visloc_companion.core.terrain.terrain_aiding import METHOD
 from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.localise.terrain.answer import answer_terrain

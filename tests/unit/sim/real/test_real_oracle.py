@@ -13,7 +13,7 @@ import pytest
 
 from visloc_companion.app import live
 from visloc_companion.app.clock import ManualClock
-from visloc_companion.core.height import news_of
+from visloc_companion.core.heights.height import news_of
 from visloc_companion.errors import Reason
 from visloc_companion.geo.wgs84 import geo_from_ned, ned_from_geo
 from visloc_companion.sim.real.oracle import HEIGHT_SIGMA_M, Oracle, OracleSettings, View, answered_height

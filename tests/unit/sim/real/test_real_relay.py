@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from visloc_companion.adapters.mavlink.dialect import mav
-from visloc_companion.core.pitot import true_airspeed_mps
+from visloc_companion.core.velocity.pitot import true_airspeed_mps
 from visloc_companion.sim.real.px4 import Px4
 from visloc_companion.sim.real.relay import Relay
 

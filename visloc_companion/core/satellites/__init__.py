@@ -1,0 +1,1 @@
+"""Evidence for and against GNSS: receivers, clock, height, odometry, and vision as a sequential test."""

@@ -1,0 +1,1 @@
+"""The navigator's mode, and the position source that the autopilot is brought to."""

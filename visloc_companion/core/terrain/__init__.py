@@ -1,0 +1,1 @@
+"""Soundings: distances to the ground along the track."""

@@ -1,0 +1,1 @@
+"""Folders of cloud cases: run, measured and reported."""

@@ -1,0 +1,1 @@
+"""Folders of image cases: run, measured, broken down and reported."""

@@ -1,0 +1,1 @@
+"""Flights against the real autopilots' simulators, judged."""

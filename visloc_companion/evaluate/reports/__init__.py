@@ -1,0 +1,1 @@
+"""Pieces of reports: style, charts, maps, the Stanford diagram."""

@@ -1,0 +1,1 @@
+"""True motion of copter and plane, and the sensors that they carry."""
