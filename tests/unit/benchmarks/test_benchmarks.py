@@ -47,12 +47,12 @@ def asked(load, monkeypatch) -> list[str]:
             fix, reason = (FIX, None) if int(case.case_id[1:]) % 2 == 0 else (None, Reason.NO_MATCH)
             yield CaseResult(case.case_id, fix, reason, "why", 3.5, {"score": 0.5}, 0.5)
 
-    monkeypatch.setattr(load("answers"), "run_cases", run)
+    monkeypatch.setattr(load("image_cases.answers"), "run_cases", run)
     return seen
 
 
 def test_answers_are_kept_as_they_were(load, folder, tmp_path, asked):
-    answers = load("answers").answers
+    answers = load("image_cases.answers").answers
     first = answers(folder, "ncc", tmp_path / "store", "abc")
     again = answers(folder, "ncc", tmp_path / "store", "abc")
     assert first == again
@@ -63,7 +63,7 @@ def test_answers_are_kept_as_they_were(load, folder, tmp_path, asked):
 
 
 def test_what_is_kept_is_without_the_maps_error(load, folder, tmp_path, asked):
-    answers = load("answers").answers
+    answers = load("image_cases.answers").answers
     answers(folder, "ncc", tmp_path / "store", "abc")
     exact = answers(folder, "ncc", tmp_path / "store", "abc", map_sigma=MapSigma(0.0, 0.0, 0.0))
     assert exact[0][0].fix == FIX
@@ -71,7 +71,7 @@ def test_what_is_kept_is_without_the_maps_error(load, folder, tmp_path, asked):
 
 
 def test_a_run_that_was_broken_off_goes_on(load, folder, tmp_path, asked):
-    answers = load("answers").answers
+    answers = load("image_cases.answers").answers
     whole = answers(folder, "ncc", tmp_path / "store", "abc")
     (file,) = (tmp_path / "store").iterdir()
     text = file.read_text()
@@ -83,7 +83,7 @@ def test_a_run_that_was_broken_off_goes_on(load, folder, tmp_path, asked):
 
 
 def test_a_limit_is_filled_up_later_and_other_code_starts_anew(load, folder, tmp_path, asked):
-    answers = load("answers").answers
+    answers = load("image_cases.answers").answers
     assert len(answers(folder, "ncc", tmp_path / "store", "abc", limit=2)) == 2
     answers(folder, "ncc", tmp_path / "store", "abc")
     assert asked == [f"c{k}" for k in range(5)]
@@ -92,7 +92,7 @@ def test_a_limit_is_filled_up_later_and_other_code_starts_anew(load, folder, tmp
 
 
 def test_the_digest_follows_code_and_model(load, tmp_path, monkeypatch):
-    module = load("answers")
+    module = load("image_cases.answers")
     package = tmp_path / "package"
     for room in module.CODE:
         (package / room).mkdir(parents=True)
@@ -122,7 +122,7 @@ def test_a_shift_between_images_is_measured_to_a_fraction_of_a_pixel(load):
     rng = np.random.default_rng(5)
     a = cv2.GaussianBlur(rng.normal(size=(120, 120, 2)).astype(np.float32), (0, 0), 2.0)
     b = cv2.warpAffine(a, np.float32([[1, 0, 1.4], [0, 1, -0.7]]), (120, 120), flags=cv2.INTER_CUBIC)
-    shift = load("shift")
+    shift = load("image_cases.shift")
     assert shift.shift_px(a, b, (60.0, 60.0), 61) == pytest.approx([1.4, -0.7], abs=0.06)
     assert shift.shift_px(a, b, (10.0, 60.0), 61) is None
 
@@ -169,7 +169,7 @@ def test_flights_of_a_method_become_one_row(load):
 
 
 def test_a_row_of_the_table_counts_refusals_and_far_answers(load, folder, tmp_path, asked):
-    judged = load("answers").answers(folder, "ncc", tmp_path / "store", "abc")
+    judged = load("image_cases.answers").answers(folder, "ncc", tmp_path / "store", "abc")
     far = replace(judged[0][0], fix=replace(FIX, place=GeoPoint(47.001, 9.0, 100.0), probability_wrong=0.01))
     figures = load("table").figures([*judged, (far, judged[0][1])], 0.05)
     assert figures["n"] == 6
@@ -181,7 +181,7 @@ def test_a_row_of_the_table_counts_refusals_and_far_answers(load, folder, tmp_pa
 
 
 def test_claims_follow_the_coefficients_without_a_new_run(load, monkeypatch):
-    answers = load("answers")
+    answers = load("image_cases.answers")
     numbers = Evidence(0.5, 0.5, 0.6, 2.0, 0.9, 30.0, 25.0, 90.0, 0.8, 0.2, 0.2, 0.5, 0.5, 0.8, 0.6).numbers() | {
         "share": 0.9,
         "votes": 0.8,

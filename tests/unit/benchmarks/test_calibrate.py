@@ -29,7 +29,7 @@ def test_what_is_fitted_is_what_is_claimed_in_flight(load, share, votes):
     result = answer(share, votes)
     samples = load("calibrate").collect("deep", {"t2": [(result, TRUTH)]})
     (fitted,) = load("calibrate").probability_wrong(samples.x, np.array(DEEP_WEIGHTS), samples.sure, samples.fewer)
-    flown = load("answers").judged_anew(result, "deep").fix
+    flown = load("image_cases.answers").judged_anew(result, "deep").fix
     assert flown is not None
     assert fitted == pytest.approx(flown.probability_wrong, abs=1e-9)
 
@@ -40,10 +40,10 @@ def test_quarters_are_fitted_as_they_are_claimed_in_flight(load):
     samples = load("calibrate").collect_asked({"t2": [(without, TRUTH), (asked, TRUTH)]})
     assert samples.x.shape == (1, len(QUARTER_WEIGHTS))
     (fitted,) = load("calibrate").probability_wrong(samples.x, np.array(QUARTER_WEIGHTS), samples.sure, samples.fewer)
-    flown = load("answers").judged_anew(asked, "deep").fix
+    flown = load("image_cases.answers").judged_anew(asked, "deep").fix
     assert flown is not None
     assert fitted == pytest.approx(flown.probability_wrong, abs=1e-9)
-    unasked = load("answers").judged_anew(without, "deep").fix
+    unasked = load("image_cases.answers").judged_anew(without, "deep").fix
     assert unasked is not None
     assert unasked.probability_wrong != flown.probability_wrong
 

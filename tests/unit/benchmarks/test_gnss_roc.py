@@ -16,7 +16,7 @@ from visloc_companion.sim.faults import FaultSchedule
 
 
 def test_flights_are_as_they_are_described(load):
-    flights = load("gnss_flights")
+    flights = load("gnss_runs.gnss_flights")
     moments = [
         m for seed in range(8) for m in flights.Flight(seed, FaultSchedule(), 300.0, flights.World(outage_every_s=1e9)).moments()
     ]
@@ -32,7 +32,7 @@ def test_flights_are_as_they_are_described(load):
 
 
 def test_outages_and_lost_fixes_leave_nothing_to_compare(load):
-    flights = load("gnss_flights")
+    flights = load("gnss_runs.gnss_flights")
     world = flights.World(outage_every_s=5.0, outage_s=50.0)
     jammed = list(flights.Flight(1, faults.jam(0.0), 30.0, world).moments())
     assert all(m.difference_ne_m is None and m.gnss_moved_ne_m is None and not m.has_fix for m in jammed)
@@ -41,7 +41,7 @@ def test_outages_and_lost_fixes_leave_nothing_to_compare(load):
 
 
 def test_a_fix_tells_what_it_looked_at_and_how_far_it_lay_from_where_fixes_had_the_vehicle(load):
-    flights = load("gnss_flights")
+    flights = load("gnss_runs.gnss_flights")
     world = flights.World(outage_every_s=1e9, odometry=False)
     moments = list(flights.Flight(2, FaultSchedule(), 300.0, world).moments())
     assert all((m.ground is None) == (m.difference_ne_m is None) for m in moments)
@@ -58,7 +58,7 @@ def test_a_fix_tells_what_it_looked_at_and_how_far_it_lay_from_where_fixes_had_t
 
 
 def test_fixes_that_claim_too_little_are_believed_less_as_the_daemon_does(load, monkeypatch):
-    flights, roc = load("gnss_flights"), load("gnss_roc")
+    flights, roc = load("gnss_runs.gnss_flights"), load("gnss_roc")
     mean_over = {}
     for claim in (1.0, 0.2):
         world = flights.World(claim=(claim, claim), lasting_share=(0.0, 0.0), outage_every_s=1e9)
@@ -73,7 +73,7 @@ def test_fixes_that_claim_too_little_are_believed_less_as_the_daemon_does(load, 
 
 
 def test_a_filter_on_fixes_refuses_starts_anew_and_gives_way_to_gnss(load):
-    held = load("gnss_held").Held()
+    held = load("gnss_runs.gnss_held").Held()
 
     def take(north_m):
         held.carry((0.0, 0.0), 0.1, 1.0)
@@ -89,7 +89,7 @@ def test_a_filter_on_fixes_refuses_starts_anew_and_gives_way_to_gnss(load):
 
 
 def test_wrong_matches_that_are_of_the_ground_last(load):
-    flights = load("gnss_flights")
+    flights = load("gnss_runs.gnss_flights")
     world = flights.World(lasting_wrong=True, wrong_share=0.05, wrong_m=(5.0, 6.0), speed_mps=(2.0, 2.0), outage_every_s=1e9)
     right = flights.World(lasting_wrong=True, wrong_share=0.0, speed_mps=(2.0, 2.0), outage_every_s=1e9)
     pair = [list(flights.Flight(3, FaultSchedule(), 600.0, w).moments()) for w in (world, right)]
@@ -114,7 +114,7 @@ def test_alarms_close_together_are_one(load):
 
 
 def test_every_class_of_attack_is_drawn_and_begins_after_the_quiet_time(load):
-    module = load("gnss_attacks")
+    module = load("gnss_runs.gnss_attacks")
     drawn = list(module.attacks(0.02))
     assert len({a.name for a in drawn}) == 15
     assert all(a.begins_s >= module.QUIET_S and a.faults.gnss_start_s == a.begins_s for a in drawn)
@@ -122,7 +122,7 @@ def test_every_class_of_attack_is_drawn_and_begins_after_the_quiet_time(load):
 
 
 def test_a_judged_drag_and_a_judged_jam(load):
-    roc, attacks, flights = load("gnss_roc"), load("gnss_attacks"), load("gnss_flights")
+    roc, attacks, flights = load("gnss_roc"), load("gnss_runs.gnss_attacks"), load("gnss_runs.gnss_flights")
     drag = roc.judged(attacks.Attack("drag", faults.slow_drag(60.0, 2.0, 1.0), 60.0, ends=False), 5, flights.World())
     assert 2.0 < drag["pulled_m"] < 25.0
     assert drag["out_s"] == pytest.approx(drag["pulled_m"] / 2, abs=0.3)

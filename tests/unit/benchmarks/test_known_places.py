@@ -24,14 +24,14 @@ def source(tmp_path, load) -> Path:
     cases = [{"id": f"c{k}", "frame": f"frames/c{k}.png"} | told for k in range(300)]
     truth = {"lat_deg": PLACE.lat_deg, "lon_deg": PLACE.lon_deg, "h_m": 300.0, "roll_deg": 0.0, "pitch_deg": 2.0}
     truths = [{"id": case["id"], **truth, "yaw_deg": 359.0, "gsd_m": GSD_M} for case in cases]
-    return load("cases").write_tables(folder, cases, truths)
+    return load("image_cases.cases").write_tables(folder, cases, truths)
 
 
 @pytest.mark.parametrize("beside", [False, True])
 def test_priors_are_off_by_what_they_state_or_by_far_more(load, source, tmp_path, beside):
     module = load("known_places")
     folder = module.told(source, tmp_path / "told", beside=beside, n=250)
-    rows = load("cases").read_table(folder / "cases.csv")
+    rows = load("image_cases.cases").read_table(folder / "cases.csv")
     assert len(rows) == 250
     assert rows[0]["frame"] == str(source / "frames" / "c0.png")
     off_m = np.array(

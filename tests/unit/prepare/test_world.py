@@ -137,11 +137,11 @@ def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPat
 def test_other_code_makes_another_world(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The digest of the code that makes worlds is part of the folder's name."""
     package = tmp_path / "visloc_companion"
-    (package / "sim").mkdir(parents=True)
+    (package / "sim" / "land").mkdir(parents=True)
     monkeypatch.setattr(visloc_companion, "__file__", str(package / "__init__.py"))
     digests = []
     for text in ("a = 1\n", "a = 2\n"):
-        (package / "sim" / "landscape_x.py").write_text(text)
+        (package / "sim" / "land" / "landscape_x.py").write_text(text)
         digests.append(module._digest(()))
     (package / "sim" / "vehicle.py").write_text("b = 1\n")
     assert digests[0] != digests[1] == module._digest(())

@@ -34,7 +34,7 @@ def source(tmp_path, load) -> Path:
         {"id": c["id"], "lat_deg": lat, "lon_deg": lon, "h_m": 300.0, "roll_deg": c["prior_roll_deg"], "pitch_deg": 0.0}
         for c in cases
     ]
-    return load("cases").write_tables(folder, cases, truths)
+    return load("image_cases.cases").write_tables(folder, cases, truths)
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
@@ -43,7 +43,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
 
 
 def test_prior_says_nadir_of_all_that_tilt_little_enough(source, load, tmp_path):
-    folder = load("tilt_cases").untold(source, tmp_path / "untold", largest_deg=12.0, n=5)
+    folder = load("image_cases.tilt_cases").untold(source, tmp_path / "untold", largest_deg=12.0, n=5)
     cases, truths = _rows(folder / "cases.csv"), _rows(folder / "truth.csv")
     assert [case["id"] for case in cases] == [truth["id"] for truth in truths] == ["c0", "c2"]
     assert {(c["prior_roll_deg"], c["prior_pitch_deg"], c["sigma_tilt_deg"]) for c in cases} == {("0.0", "0.0", "6.0")}
@@ -53,7 +53,7 @@ def test_prior_says_nadir_of_all_that_tilt_little_enough(source, load, tmp_path)
 
 
 def test_without_surface_heights_count_from_the_mean_under_the_frame(source, load, tmp_path):
-    folder = load("tilt_cases").untold(source, tmp_path / "plane", largest_deg=12.0, n=1, without_surface=True)
+    folder = load("image_cases.tilt_cases").untold(source, tmp_path / "plane", largest_deg=12.0, n=1, without_surface=True)
     (case,), (truth,) = _rows(folder / "cases.csv"), _rows(folder / "truth.csv")
     assert case["dsm"] == ""
     assert float(truth["h_m"]) == pytest.approx(100.0, abs=0.2)
@@ -61,7 +61,7 @@ def test_without_surface_heights_count_from_the_mean_under_the_frame(source, loa
 
 
 def test_a_folder_that_is_there_is_kept(source, load, tmp_path):
-    module = load("tilt_cases")
+    module = load("image_cases.tilt_cases")
     folder = module.untold(source, tmp_path / "untold", largest_deg=12.0, n=1)
     assert module.untold(source, folder, largest_deg=90.0, n=9) == folder
     assert len(_rows(folder / "cases.csv")) == 1

@@ -20,9 +20,9 @@ WORLD = SimpleNamespace(size_m=(30_000.0, 32_000.0), ground=lambda ne_m: np.zero
 @pytest.fixture
 def parts(load: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """The filter, and flights with each dead reckoning."""
-    facts = load("terrain_flight")
+    facts = load("terrain_flights.terrain_flight")
     monkeypatch.setattr(facts, "LENGTH_M", LENGTH_M)
-    belief = load("terrain_filter")
+    belief = load("terrain_flights.terrain_filter")
     monkeypatch.setattr(belief, "BAROMETER_SAMPLES", STEPS)  # of the height nothing is asked here
     return SimpleNamespace(filter=belief, facts=facts)
 

@@ -23,9 +23,9 @@ FAR_M2 = ((1e8, 0.0), (0.0, 1e8))
 @pytest.fixture
 def parts(load: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """The filter, and flights."""
-    facts = load("terrain_flight")
+    facts = load("terrain_flights.terrain_flight")
     monkeypatch.setattr(facts, "LENGTH_M", LENGTH_M)
-    return SimpleNamespace(filter=load("terrain_filter"), facts=facts)
+    return SimpleNamespace(filter=load("terrain_flights.terrain_filter"), facts=facts)
 
 
 def flown(parts: SimpleNamespace, drift: str, seed: int) -> tuple[object, object]:
