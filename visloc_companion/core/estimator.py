@@ -12,16 +12,13 @@ from dataclasses import replace
 from operator import attrgetter
 from typing import NamedTuple, cast
 
-import numpy as np
-
 from visloc_companion.core import integrity
-from visloc_companion.core.filter import contradiction, fusion, lasting, refused, separation, votes
-from visloc_companion.core.filter.belief import Belief, Position, blurred, lens_doubted, lens_known, widened_by
+from visloc_companion.core.filter import contradiction, fusion, lasting, refused, revised, votes
+from visloc_companion.core.filter.belief import Belief, Position, blurred, lens_doubted, lens_known
 from visloc_companion.core.filter.driving import Around, Velocity, height_at, velocity_at
 from visloc_companion.core.filter.motion import Motion, learned
-from visloc_companion.core.filter.propagation import N_STATES, OVERDUE_S, POSITION, UNAIDED_GAP_S, VELOCITY, Drive
+from visloc_companion.core.filter.propagation import OVERDUE_S, POSITION, UNAIDED_GAP_S, VELOCITY, Drive
 from visloc_companion.core.filter.reckoned import Reckoned, reckoned
-from visloc_companion.core.filter.relocalise import Candidate
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.velocity import air_velocity
 from visloc_companion.geo import wgs84
@@ -156,7 +153,7 @@ class PositionFilter:
         k, belief = self._belief_at(t_ns, alone=False)
         before, _ = self._around(k)
         gone = self._carried(belief, t_ns + stood_ns, (before, None))
-        self._begin_anew(t_ns, blurred(gone, fusion.UNAIDED_SIGMA_MPS * stood_ns * 1e-9), before)
+        self._begin_anew(t_ns, revised.stood(gone, stood_ns * 1e-9), before)
 
     def leapt(self, t_ns: int, leapt_ns: int, since_ns: int) -> None:
         """The clock counted so much, from since_ns on, that did not go by: the vehicle is as much further back, at a velocity
@@ -166,9 +163,7 @@ class PositionFilter:
             return
         before, _ = self._around(k)
         v_north, v_east, _ = self.at(t_ns).v_ned_mps
-        leapt_s = leapt_ns * 1e-9
-        back = _shifted(belief, (-v_north * leapt_s, -v_east * leapt_s))
-        self._begin_anew(t_ns, blurred(back, fusion.UNAIDED_SIGMA_MPS * leapt_s), before)
+        self._begin_anew(t_ns, revised.leapt(belief, (v_north, v_east), leapt_ns * 1e-9), before)
 
     def dragged(self, t_ns: int, sigma_m: float) -> None:
         """The position may have been dragged away by so much (1-sigma) in a way that nothing contradicted."""
@@ -192,10 +187,7 @@ class PositionFilter:
         """Frames turned out to be taken so much later than their fixes said: the position may be off by the way of that time."""
         belief = self.newest
         before, _ = self._around(len(self._log))
-        more = np.zeros((N_STATES, N_STATES))
-        way_ne_m = later_s * np.array(before.v_ned_mps[:2])
-        more[POSITION, POSITION] = np.outer(way_ne_m, way_ne_m)
-        self._begin_anew(belief.t_ns, widened_by(belief, more), before)
+        self._begin_anew(belief.t_ns, revised.retimed(belief, before.v_ned_mps[:2], later_s), before)
 
     def doubt_motion(self, autopilots_ne_mps: Vec2) -> None:
         """What odometry has taught since the last fix was wrong: position and velocity may be off by what it makes the velocity
@@ -203,12 +195,7 @@ class PositionFilter:
         belief = self.newest
         before, _ = self._around(len(self._log))
         v_north, v_east, _ = self.at(belief.t_ns).v_ned_mps
-        off_m2ps2 = math.dist((v_north, v_east), autopilots_ne_mps) ** 2 * np.eye(2)
-        for_s = max(0.0, (belief.t_ns - belief.rested_ns) * 1e-9)
-        more = np.zeros((N_STATES, N_STATES))
-        more[VELOCITY, VELOCITY], more[POSITION, POSITION] = off_m2ps2, for_s**2 * off_m2ps2
-        more[POSITION, VELOCITY] = more[VELOCITY, POSITION] = -for_s * off_m2ps2
-        self._begin_anew(belief.t_ns, widened_by(belief, more), before)
+        self._begin_anew(belief.t_ns, revised.motion_doubted(belief, (v_north, v_east), autopilots_ne_mps), before)
 
     def _begin_anew(self, t_ns: int, belief: Belief, velocity: Velocity) -> None:
         self._base = belief._replace(t_ns=t_ns)
@@ -226,8 +213,8 @@ class PositionFilter:
         moved_north, moved_east, _ = wgs84.ned_from_geo(place, origin)
         shift = (moved_north - north, moved_east - east)
         self._origin, self._asked = origin, None
-        self._base = _shifted(self._base, shift)
-        self._beliefs = [_shifted(belief, shift) for belief in self._beliefs]
+        self._base = revised.shifted(self._base, shift)
+        self._beliefs = [revised.shifted(belief, shift) for belief in self._beliefs]
         self._log = [
             replace(entry, p_ne_m=(entry.p_ne_m[0] + shift[0], entry.p_ne_m[1] + shift[1]))
             if isinstance(entry, Position)
@@ -383,18 +370,3 @@ def _key(entry: Input) -> tuple[int, int, int]:
     if isinstance(entry, Velocity | air_velocity.AirError):
         return entry.t_ns, 0 if isinstance(entry, Velocity) else 1, 0
     return (entry.t_ns, 2, entry.t_from_ns) if isinstance(entry, Motion) else (entry.t_ns, 3, entry.tie)
-
-
-def _shifted(belief: Belief, shift: Vec2) -> Belief:
-    def moved(p: Vec2) -> Vec2:
-        return p[0] + shift[0], p[1] + shift[1]
-
-    def candidates(those: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
-        return tuple(replace(c, p_ne_m=moved(c.p_ne_m), anchor_ne_m=moved(c.anchor_ne_m)) for c in those)
-
-    rejected, contradicting = candidates(belief.rejected), candidates(belief.contradicting)
-    without = separation.shifted(belief.without, np.array(shift))
-    x = belief.x.copy()
-    x[POSITION] += shift
-    voted = votes.moved(belief.votes, shift)
-    return belief._replace(x=x, rejected=rejected, contradicting=contradicting, votes=voted, without=without)
