@@ -3,8 +3,9 @@
 Data: four families of places. NAIP rows above 400 with frames of water, cloud, other places and ground outside the map; the
 bi-temporal pairs, and NAIP frames looked for on them; the procedural landscape's seeds below 100 at 0.3 to 1 m a pixel. NAIP and
 the landscape also with a tilt that the prior does not know, the landscape with and without its surface model; and cameras that
-lean over its woods. `deep` is fitted thrice: its first look at every frame, the quarters of those that it declines (by the
-coefficients of verify.py), and its second look, which is judged on what is still declined. What is fitted is what flies: the
+lean over its woods. Two more are judged and not fitted to: the landscape laid out alike in several places, and lines that have
+moved since the map was made. `deep` is fitted thrice: its first look at every frame, the quarters of those that it declines (by
+the coefficients of verify.py), and its second look, which is judged on what is still declined. What is fitted is what flies: the
 logistic function times the shares that other places and single blocks leave a match.
 
 Prints the logistic coefficients (localise/verify.py for the dense methods), how honest they are when fitted without a family and
@@ -46,6 +47,9 @@ RIDGE, LEAST, SIGNS = 1.0, 0.2, (0, 1, 0, 1, 1, 0, -1, -1, 1, 0, 1, 1, 1)
 against it, by at least so many nats for the scatter of each. Each family of `deep` judged by what is fitted without it,
 log-likelihoods are -549 at the first look and -266 at the second; -558 and -268 without signs, -546 and -255 with a ridge of 3,
 which accepts fewer."""
+JUDGED_ONLY = ("alike", "moved")
+"""Families that nothing is fitted to: on such ground they judge what multiplies the logistic function. Shares as regressors that
+are fitted to one of them do not hold on the other."""
 QUARTER_SIGNS = (0, 1, 1)
 PRECISELY = {"maxiter": 2000, "ftol": 1e-12, "gtol": 1e-7}
 Array = NDArray[np.float64]
@@ -122,12 +126,13 @@ def _another(judged: Judged) -> bool:
 
 
 def _fitted(samples: Samples, judged: Samples) -> None:
-    """Fit, print, and judge: all, and each family by what is fitted without it."""
-    weights = _fit(samples, np.full(len(samples.right), True))
+    """Fit, print, and judge: all that is fitted to, and each family by what is fitted without it."""
+    fitted, of_fitted = (~np.isin(each.family, JUDGED_ONLY) for each in (samples, judged))
+    weights = _fit(samples, fitted)
     print("\nweights", tuple(float(f"{w:.3g}") for w in weights))
-    print(_honesty("fitted and judged on all", _claims(judged, weights), judged.right))
+    print(_honesty("fitted and judged on all", _claims(judged, weights)[of_fitted], judged.right[of_fitted]))
     for family in sorted(set(judged.family)):
-        others, here = samples.family != family, judged.family == family
+        others, here = fitted & (samples.family != family), judged.family == family
         if 0 < samples.right[others].sum() < others.sum():
             p = _claims(judged, _fit(samples, others))[here]
             print(_honesty(f"fitted without {family}, judged on it", p, judged.right[here]))

@@ -34,7 +34,7 @@ from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
-from visloc_companion.types import CameraModel, Fix, FrameRef, GeoPoint, Image, LocaliseRequest, PosePrior
+from visloc_companion.types import CameraModel, Fix, FrameRef, GeoPoint, Image, LocaliseRequest, PosePrior, Quat
 
 MODEL = CameraModel(320, 240, 277.13, 277.13, 159.5, 119.5)
 SIZE_M, GSD_M = 700.0, 0.5
@@ -115,10 +115,22 @@ def covered(scene: Scene, line: Line, kind: str, moved_m: float, seed: int) -> t
     return replace(scene, pixels=_mixed(pixels, water, share), dsm_amsl_m=flat), (share[..., 0] * 255).astype(np.uint8)
 
 
+def mapped(earlier: Scene, line: Line, kind: str, seed: int) -> Scene:
+    """What the map shows of the earlier date, with the line where the kind has one then."""
+    return earlier if kind in ("flood", "shade") else covered(earlier, line, "shore" if kind == "ebb" else kind, 0.0, seed)[0]
+
+
+def grown(later: Scene, land: str, seed: int) -> Scene:
+    """The later date with what has changed of its parcels."""
+    way = np.array([[0.4, 0.5], [0.6, 0.5]]) * later.size_px
+    return changed(later, Change("ploughed", half_width_m=2 * SIZE_M, share=LANDS[land]), way, seed)
+
+
 def frames(
     scene: Scene, camera: CameraSimulator, line: Line, seed: int, shares: list[float]
-) -> Iterator[tuple[float, GeoPoint, Image, LocaliseRequest]]:
-    """Two frames for each share that lies beyond the line; places and priors are the same wherever the line has moved to."""
+) -> Iterator[tuple[float, GeoPoint, Quat, Image, LocaliseRequest]]:
+    """Two frames for each share that lies beyond the line, each with the camera's place and attitude; these and the priors are
+    the same wherever the line has moved to."""
     rng = np.random.default_rng((seed, 6))
     crs = map_crs(scene.crs)
     width, height = scene.size_px
@@ -133,7 +145,8 @@ def frames(
         near = scene.dsm_amsl_m[max(0, int(row) - 100) : int(row) + 100, max(0, int(column) - 100) : int(column) + 100]
         place = GeoPoint(lat, lon, float(np.median(near)) + above_m)
         roll, pitch = rng.normal(0, math.radians(3), 2)
-        pixels = camera.frame(place, quat_from_euler(roll, pitch, yaw), seed * 1000 + number)
+        attitude = quat_from_euler(roll, pitch, yaw)
+        pixels = camera.frame(place, attitude, seed * 1000 + number)
         off = rng.normal(0, 1, 6)
         sigma_h_m = SIGMA_H_SHARE * above_m
         tilt, turn = off[3:5] * SIGMA_TILT_RAD, off[5] * SIGMA_YAW_RAD
@@ -142,7 +155,7 @@ def frames(
         at = geo_from_ned((off[0] * SIGMA_M, off[1] * SIGMA_M, off[2] * sigma_h_m), place)
         prior = PosePrior(at, q_prior, cov, sigma_h_m, SIGMA_YAW_RAD, SIGMA_TILT_RAD)
         frame = FrameRef(0, 0, number, 0, MODEL.width_px, MODEL.height_px, 3)
-        yield share, place, pixels, LocaliseRequest(number, frame, prior, seed)
+        yield share, place, attitude, pixels, LocaliseRequest(number, frame, prior, seed)
 
 
 def answered(
@@ -207,16 +220,13 @@ def main() -> None:
         earlier, later = (build_landscape(seed, date, SIZE_M, GSD_M) for date in ("map", "flight"))
         line = line_of(seed, earlier)
         for kind in chosen.kinds:
-            bare = kind in ("flood", "shade")
-            drawn = earlier if bare else covered(earlier, line, "shore" if kind == "ebb" else kind, 0.0, seed)[0]
-            ref = RasterMap.open(*drawn.save(chosen.folder / f"{kind}{seed}"))
+            ref = RasterMap.open(*mapped(earlier, line, kind, seed).save(chosen.folder / f"{kind}{seed}"))
             for land in chosen.lands:
-                way = np.array([[0.4, 0.5], [0.6, 0.5]]) * later.size_px
-                now = changed(later, Change("ploughed", half_width_m=2 * SIZE_M, share=LANDS[land]), way, seed)
+                now = grown(later, land, seed)
                 for moved_m in chosen.moved:
                     scene, water = covered(now, line, kind, moved_m, seed + 500)
                     camera = CameraSimulator(scene, MODEL, CameraEffects(), water)
-                    for share, place, pixels, request in frames(earlier, camera, line, seed, chosen.shares):
+                    for share, place, _, pixels, request in frames(earlier, camera, line, seed, chosen.shares):
                         for method, localiser in localisers.items():
                             what = answered(localiser, request, pixels, ref, place)
                             answers.append(Answer(method, kind, land, seed, share, moved_m, **what))  # type: ignore[arg-type]

@@ -6,6 +6,7 @@ Seeds below 100 are for training and fitting, the others for scoring only.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from benchmarks.image_cases.cases import maker, write_tables
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.maps.crs import map_crs
+from visloc_companion.sim.land.season import Date
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.rendering.render_effects import CameraEffects
@@ -34,7 +36,7 @@ class Worlds:
     """Which worlds and what is drawn of each: `per_seed` cases of a footprint of `foot_px` map pixels at one of `gsds_m`.
 
     The prior is uniform within ±offset (px), ±10 degrees and ±8 % of height; the tilt is up to `tilt_deg`, known to 0.3 degrees
-    (1-sigma).
+    (1-sigma). `scene_of` makes the ground of a seed, date, side and pixel (metres); `least_m` is the smallest footprint over it.
     """
 
     seeds: tuple[int, ...]
@@ -43,6 +45,8 @@ class Worlds:
     foot_px: float = 128.0
     offset_px: float = 40.0
     tilt_deg: float = 5.0
+    scene_of: Callable[[int, Date, float, float], Scene] = build_landscape
+    least_m: float = SMALLEST_FOOTPRINT_M
 
 
 def write_landscape(folder: Path, worlds: Worlds) -> Path:
@@ -54,8 +58,8 @@ def write_landscape(folder: Path, worlds: Worlds) -> Path:
     truths: list[dict[str, Any]] = []
     for number, seed in enumerate(worlds.seeds):
         gsd_m = worlds.gsds_m[number % len(worlds.gsds_m)]
-        ortho, dsm = build_landscape(seed, "map", SIDE_PX * gsd_m, gsd_m).save(folder / f"world{seed}")
-        scene = build_landscape(seed, "flight", SIDE_PX * gsd_m, gsd_m)
+        ortho, dsm = worlds.scene_of(seed, "map", SIDE_PX * gsd_m, gsd_m).save(folder / f"world{seed}")
+        scene = worlds.scene_of(seed, "flight", SIDE_PX * gsd_m, gsd_m)
         camera = CameraSimulator(scene, _model(), CameraEffects())
         rng = np.random.default_rng([seed, 11])
         for k in range(worlds.per_seed):
@@ -77,7 +81,7 @@ def _pose(
     rng: np.random.Generator, scene: Scene, worlds: Worlds, gsd_m: float
 ) -> tuple[GeoPoint, tuple[float, float, float], float]:
     """Place, attitude (roll, pitch, yaw; degrees) and height above the ground of one frame."""
-    foot_px = max(worlds.foot_px, SMALLEST_FOOTPRINT_M / gsd_m)
+    foot_px = max(worlds.foot_px, worlds.least_m / gsd_m)
     above_m = foot_px * gsd_m / 2 / math.tan(math.radians(30))
     margin = 0.62 * foot_px + 0.1 * above_m / gsd_m
     col, row = rng.uniform(margin, SIDE_PX - margin, 2)

@@ -1,4 +1,5 @@
-"""What claims are fitted on: case sets by family. NAIP rows above 400, the bi-temporal pairs, landscape seeds below 100."""
+"""What claims are fitted on: case sets by family. NAIP rows above 400, the bi-temporal pairs, landscape seeds below 100; and what
+they are judged on besides: ground that is laid out alike in several places, and lines that have moved, of seeds below 100."""
 
 from __future__ import annotations
 
@@ -11,12 +12,16 @@ from benchmarks.image_cases.landscape_cases import Worlds, write_landscape
 from benchmarks.image_cases.negatives import clouds, outside, water, write_pack
 from benchmarks.image_cases.tilt_cases import untold
 from benchmarks.image_cases.wooded_cases import write_wooded
+from benchmarks.moved_cases import Moved, write_moved
+from benchmarks.worlds.look_alike_worlds import GSD_M, scene_of
 
 Maker = Callable[[Path], Path]
 ROWS = (0, 400)
 OTHER_PLACE = "bitemporal/bragg_2006_2009"
 LARGEST_TILT_DEG = 12.0
 """Of the cases whose prior says nadir and 6 degrees."""
+ALIKE_OFFSET_PX = 120.0
+"""As wide as a square that is laid out again: the prior does not tell neighbours apart."""
 FITTED_PAIRS = ("2006_2009", "2006_2014", "2009_2012", "2010_2014", "2012_2014")
 
 
@@ -43,6 +48,11 @@ def _untold(name: str, source: Maker, n: int, largest_deg: float = LARGEST_TILT_
 def _tilted_land(root: Path) -> Path:
     worlds = Worlds(tuple(range(10, 26)), 6, foot_px=160, tilt_deg=LARGEST_TILT_DEG)
     return write_landscape(root / "tilted_land", worlds)
+
+
+def _alike(foot: int, seeds: range) -> Maker:
+    worlds = Worlds(tuple(seeds), 15, (GSD_M,), foot, ALIKE_OFFSET_PX, scene_of=scene_of, least_m=0.0)
+    return lambda root: write_landscape(root / f"alike{foot}", worlds)
 
 
 def _north(root: Path) -> Path:
@@ -81,7 +91,30 @@ LANDSCAPE: dict[str, Maker] = {
 }
 WOODS: dict[str, Maker] = {"wooded": lambda root: write_wooded(root / "wooded", tuple(range(40, 48)), 20)}
 """Cameras that lean, half of them over woods that are bare, felled or grown since the map was made."""
-SETS = NAIP | BITEMPORAL | LANDSCAPE | WOODS
-FAMILIES = {"naip": tuple(NAIP), "bitemporal": tuple(BITEMPORAL), "landscape": tuple(LANDSCAPE), "woods": tuple(WOODS)}
-MADE = FAMILIES["landscape"] + FAMILIES["woods"]
+ALIKE: dict[str, Maker] = {
+    "alike48": _alike(48, range(84, 89)),
+    "alike64": _alike(64, range(89, 94)),
+    "alike96": _alike(96, range(94, 99)),
+    "alike128": _alike(128, range(55, 60)),
+}
+"""Each over one world of every kind of `look_alike_worlds`."""
+MOVED: dict[str, Maker] = {
+    "shores": lambda root: write_moved(
+        root / "shores", Moved(tuple(range(28, 40)), ("shore",), (0.0, 3.0, 5.0, 10.0, 20.0), (0.5, 1.0, 2.0))
+    ),
+    "lines": lambda root: write_moved(
+        root / "lines", Moved(tuple(range(2, 10)), ("ebb", "field", "flood", "shade"), (5.0, 10.0), (0.5, 1.0, 2.0))
+    ),
+}
+"""Footprints of 210 to 270, 105 to 135 and 52 to 68 map pixels."""
+SETS = NAIP | BITEMPORAL | LANDSCAPE | WOODS | ALIKE | MOVED
+FAMILIES = {
+    "naip": tuple(NAIP),
+    "bitemporal": tuple(BITEMPORAL),
+    "landscape": tuple(LANDSCAPE),
+    "woods": tuple(WOODS),
+    "alike": tuple(ALIKE),
+    "moved": tuple(MOVED),
+}
+MADE = FAMILIES["landscape"] + FAMILIES["woods"] + FAMILIES["alike"] + FAMILIES["moved"]
 """Sets whose dates are registered exactly."""

@@ -20,6 +20,7 @@ import numpy as np
 from visloc_companion.localise.features.onnx import open_features
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
+from visloc_companion.sim.land.season import Date
 from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.scene import Scene
 from visloc_companion.types import Image
@@ -52,6 +53,15 @@ def ground_of(kind: str, seed: int, folder: Path) -> Ground:
         )
     scene = Scene.load(home / "flight" / "ortho.tif", home / "flight" / "dsm.tif")
     return Ground(PackMap.open(home / "pack", verify_hashes=False), scene)
+
+
+def scene_of(seed: int, date: Date, size_m: float, gsd_m: float) -> Scene:
+    """Ground of a kind that follows from the seed, level, as `landscape_cases.Worlds` asks for it; ValueError but at GSD_M."""
+    if gsd_m != GSD_M:
+        raise ValueError(f"squares are laid out at {GSD_M} m a pixel, not {gsd_m}")
+    scene = build_landscape(seed, date, size_m, gsd_m)
+    pixels = laid_out(scene.pixels, KINDS[seed % len(KINDS)], seed)
+    return Scene(pixels, np.zeros_like(scene.dsm_amsl_m), scene.T_map_pix, scene.crs)
 
 
 def laid_out(pixels: Image, kind: str, seed: int) -> Image:

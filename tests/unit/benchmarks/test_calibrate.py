@@ -48,6 +48,33 @@ def test_quarters_are_fitted_as_they_are_claimed_in_flight(load):
     assert unasked.probability_wrong != flown.probability_wrong
 
 
+def test_nothing_is_fitted_to_families_that_are_judged_only(load, capsys):
+    module, rng = load("calibrate"), np.random.default_rng(5)
+    x = np.column_stack([np.ones(200), rng.normal(size=200)])
+    right = (rng.uniform(size=200) < 1 / (1 + np.exp(-x[:, 1]))).astype(float)
+    family = np.repeat(["naip", "woods", "alike", "moved"], 50)
+    right[100:] = x[100:, 1] < 0  # there the regressor says the contrary
+
+    def printed(which: np.ndarray) -> list[str]:
+        n = int(which.sum())
+        samples = module.Samples(x[which], right[which], np.ones(n), np.zeros(n), family[which], None, {})
+        module._fitted(samples, samples)
+        return capsys.readouterr().out.strip().split("\n")
+
+    every, fitted = printed(np.full(200, True)), printed(np.isin(family, ["naip", "woods"]))
+    assert every[:2] == fitted[:2]  # the weights, and how honest they are on what they are fitted to
+    judged = [line for line in every if line.startswith("fitted without")]
+    assert [line.split(",")[0] for line in judged] == [f"fitted without {f}" for f in ("alike", "moved", "naip", "woods")]
+    assert [line for line in judged if "naip" in line or "woods" in line] == [
+        line for line in fitted if line.startswith("fitted without")
+    ]
+
+
+def test_every_training_set_is_of_a_family(load):
+    sets = load("training_sets")
+    assert sorted(name for names in sets.FAMILIES.values() for name in names) == sorted(sets.SETS)
+
+
 def test_nothing_counts_against_a_match_that_speaks_for_one(load):
     """Of two regressors that say nearly the same the fit without signs takes one against the other."""
     rng = np.random.default_rng(7)
