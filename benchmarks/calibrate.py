@@ -6,7 +6,7 @@ the landscape also with a tilt that the prior does not know, the landscape with 
 lean over its woods. Two more are judged and not fitted to: the landscape laid out alike in several places, and lines that have
 moved since the map was made. `deep` is fitted thrice: its first look at every frame, the quarters of those that it declines (by
 the coefficients of verify.py), and its second look, which is judged on what is still declined. What is fitted is what flies: the
-logistic function times the shares that other places and single blocks leave a match.
+logistic function times what other places and single blocks, or the quarters, leave a match.
 
 Prints the logistic coefficients (localise/verify.py for the dense methods), how honest they are when fitted without a family and
 judged on it, and the ratio of errors to claimed sigmas. FOLDER keeps the evidence of every case; it outlives changes of
@@ -36,6 +36,7 @@ from visloc_companion.localise.verify import (
     DEEP_WEIGHTS,
     Evidence,
     fewer_places,
+    left_to_place,
     near_enough,
     probability_of_place,
     quarter_regressors,
@@ -162,7 +163,8 @@ def collect(method: str, judged: dict[str, list[Judged]]) -> Samples:
                 continue
             x.append(regressors(method, result))
             evidence = Evidence.from_numbers(result.evidence) if method in WEIGHTS else None
-            sure.append(1.0 if evidence is None else _not_otherwise_wrong(evidence, result.evidence))
+            of_looks = {name: number for name, number in result.evidence.items() if name != "quarters"}
+            sure.append(1.0 if evidence is None else _not_otherwise_wrong(evidence, of_looks))
             fewer.append(0.0 if evidence is None else fewer_places(evidence.prior_px))
             right.append(not error.wrong)
             family.append(place)
@@ -193,7 +195,7 @@ def _is_sample(error: CaseError | None) -> TypeGuard[CaseError]:
 
 def _not_otherwise_wrong(evidence: Evidence, numbers: dict[str, float]) -> float:
     """What the logistic function is multiplied by in flight (localise/candidates/looks.py)."""
-    return near_enough(evidence) * numbers["share"] * numbers["votes"]
+    return near_enough(evidence) * left_to_place(numbers)
 
 
 def regressors(method: str, result: CaseResult) -> tuple[float, ...]:

@@ -31,6 +31,7 @@ from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import distance_m, geo_from_ned, ned_from_geo
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import NetworkChoice
+from visloc_companion.localise.verify import left_to_place
 from visloc_companion.maps.crs import map_crs
 from visloc_companion.protocols import Localiser
 from visloc_companion.sim.render import CameraSimulator
@@ -141,7 +142,7 @@ def _judge(
             flown.note(name, t_s, distance_m(answer.place, truth))
         return
     told, (request, pixels, ground) = dict(answer.evidence), asked
-    of_place = told.get("share", 0.0) * told.get("votes", 0.0)
+    of_place = left_to_place(told) if "votes" in told else 0.0
     looks_right = of_place > 0 and (1 - told["p_wrong"]) / of_place >= 1 - MAX_WRONG
     if looks_right and "looks" not in flown.first:
         best = lenient.localise(request, pixels, ground.pack)

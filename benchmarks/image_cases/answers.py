@@ -33,6 +33,7 @@ from visloc_companion.localise.verify import (
     Evidence,
     Weights,
     beside_others,
+    left_to_place,
     probability_wrong,
     unknown_attitude_wrong,
 )
@@ -106,7 +107,7 @@ def judged_anew(result: CaseResult, method: str) -> CaseResult:
         return result
     weights = AGAIN_WEIGHTS if result.evidence["looks"] > 1 else WEIGHTS[method]
     alone = probability_wrong(Evidence.from_numbers(result.evidence), weights, result.evidence.get("quarters"))
-    p = beside_others(alone, result.evidence["share"] * result.evidence["votes"])
+    p = beside_others(alone, left_to_place(result.evidence))
     return replace(result, fix=replace(result.fix, probability_wrong=p), evidence=result.evidence | {"p_wrong": p})
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from benchmarks.image_cases.cases import SHARED, TRAINING_ROWS, CaseSet, make
 from benchmarks.image_cases.frames import Recipe, two_dates, write_cases
 from benchmarks.image_cases.landscape_cases import Worlds, write_landscape
+from benchmarks.image_cases.moved_cases import Moved, write_moved
 from benchmarks.image_cases.negatives import clouds, outside, water, write_pack
 from benchmarks.image_cases.tilt_cases import untold
 from benchmarks.image_cases.wooded_cases import write_wooded
-from benchmarks.moved_cases import Moved, write_moved
 from benchmarks.worlds.look_alike_worlds import GSD_M, scene_of
 
 Maker = Callable[[Path], Path]

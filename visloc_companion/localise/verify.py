@@ -24,12 +24,15 @@ DEEP_WEIGHTS: Weights = (-1.52, 0.907, -4.49, 0.145, 0.626, 4.95, -1.45, -0.408,
 """... for the network's, and ..."""
 AGAIN_WEIGHTS: Weights = (-2.4, 4.05, -8.39, 1.11, 0.57, 9.67, -0.294, -0.239, 1.89, -5.27, 0.0454, 0.204, 3.95)
 """... for a second look through the network's at what the first one declines (looks.py)."""
-QUARTER_WEIGHTS: Weights = (-0.791, 0.762, 0.361)
+QUARTER_WEIGHTS: Weights = (-0.951, 0.782, 0.369)
 """... on `quarter_regressors`, for a first look that was declined and asked for its quarters (quarters.py), and ..."""
 MOST_BY_QUARTERS, MOST_BEFORE = 20.0, 7.0
 """Greatest log-odds (nats) that count of the quarters, and of a match before they are asked; the latter against it, too."""
 UNKNOWN_ATTITUDE_WEIGHTS: Weights = (1.96, 7.55, 1.64, 1.0, -1.49, -4.97)
 """... for frames of unknown attitude (`python -m benchmarks.cross_view --fit`, training rows only)."""
+SURE_BLOCK_Z = 3.0
+"""Agreeing blocks of the fine level beyond chance, in its standard deviations, from which quarters tell that there is no other
+place. Along a shore that has moved quarters show the same wrong place, and those blocks do not."""
 FAR_PX = 7.0
 """Pixels of the search level (90 across a footprint, fewer where the map has no more): an answer that is off by more is wrong
 though the place be right. Of 150 training cases of unknown tilt 67 were accepted with 6 (none off by more than 10 px of the map),
@@ -197,6 +200,22 @@ def beside_others(alone: float, share: float) -> float:
     not.
     """
     return 1 - (1 - alone) * share
+
+
+def or_by_quarters(left: float, evidence: Evidence, quarters: float | None) -> float:
+    """What others leave of a match's place (`left`: other places, or these and single blocks), or what the frame's quarters
+    (nats) leave of it where they were asked, many blocks of the fine level agree, and that is more.
+
+    Candidates that were refined to places a few pixels apart are each other's rivals, and one place to the quarters.
+    """
+    if quarters is None or block_z(evidence.blocks, evidence.agreeing) < SURE_BLOCK_Z:
+        return left
+    return max(left, logistic(quarters))
+
+
+def left_to_place(numbers: Mapping[str, float]) -> float:
+    """What other places and single blocks, or the quarters, leave of a match, from what a fix or refusal reports."""
+    return or_by_quarters(numbers["share"] * numbers["votes"], Evidence.from_numbers(numbers), numbers.get("quarters"))
 
 
 def quarter_regressors(place: float, quarters: float) -> tuple[float, ...]:

@@ -48,6 +48,15 @@ def test_quarters_are_fitted_as_they_are_claimed_in_flight(load):
     assert unasked.probability_wrong != flown.probability_wrong
 
 
+def test_quarters_are_no_part_of_what_the_looks_are_fitted_on(load):
+    """They are asked of some alone, by what the looks claim."""
+    without = answer(0.2, 0.7)
+    asked = replace(without, evidence=without.evidence | {"quarters": 9.0})
+    collect = load("calibrate").collect
+    (of_without,), (of_asked,) = (collect("deep", {"t2": [(each, TRUTH)]}).sure for each in (without, asked))
+    assert of_asked == of_without
+
+
 def test_nothing_is_fitted_to_families_that_are_judged_only(load, capsys):
     module, rng = load("calibrate"), np.random.default_rng(5)
     x = np.column_stack([np.ones(200), rng.normal(size=200)])

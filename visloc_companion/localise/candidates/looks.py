@@ -31,6 +31,7 @@ from visloc_companion.localise.verify import (
     block_z,
     crowded,
     fewer_places,
+    or_by_quarters,
     outvoted,
     probability_wrong,
     refusal,
@@ -65,10 +66,9 @@ class Look:
 
     def why_not(self, limit: float) -> Why | None:
         """Why it is declined at a limit of the probability of being wrong, or None."""
-        beside = beside_others(self.alone, self.share)
-        return (
-            refusal(self.evidence, self.alone, limit) or crowded(beside, self.share, limit) or outvoted(self.p, self.votes, limit)
-        )
+        share = or_by_quarters(self.share, self.evidence, self.quarters)
+        beside = beside_others(self.alone, share)
+        return refusal(self.evidence, self.alone, limit) or crowded(beside, share, limit) or outvoted(self.p, self.votes, limit)
 
 
 def looked(task: Task, found: Found, weights: Weights) -> Look | Why:
@@ -113,7 +113,8 @@ def convincing(look: Look | Why | None, weights: Weights, limit: float) -> TypeG
 
 def _claiming(look: Look, weights: Weights, quarters: float | None) -> Look:
     alone = probability_wrong(look.evidence, weights, quarters)
-    return replace(look, alone=alone, p=beside_others(alone, look.share * look.votes), quarters=quarters)
+    left = or_by_quarters(look.share * look.votes, look.evidence, quarters)
+    return replace(look, alone=alone, p=beside_others(alone, left), quarters=quarters)
 
 
 def surer(first: Look | Why, second: Look | Why, limit: float) -> Look | Why:

@@ -194,6 +194,22 @@ def test_quarters_convince_of_a_poor_look_or_speak_against_it():
     assert not convincing(replace(seen, quarters=20.0, votes=0.9), GRADIENT_WEIGHTS, 0.05)
 
 
+@pytest.mark.parametrize("doubt", [{"share": 0.5}, {"votes": 0.5}, {"share": 0.7, "votes": 0.7}])
+def test_quarters_are_heard_instead_of_shares_where_many_blocks_agree(doubt):
+    seen, few = replace(look(0.02), **doubt), replace(GOOD, agreeing=7.0)
+    assert not convincing(seen, GRADIENT_WEIGHTS, 0.05)
+    assert convincing(replace(seen, quarters=6.0), GRADIENT_WEIGHTS, 0.05)
+    assert not convincing(replace(seen, quarters=-2.0), GRADIENT_WEIGHTS, 0.05)
+    assert convincing(replace(look(0.02), evidence=few, quarters=6.0), GRADIENT_WEIGHTS, 0.05)
+    assert not convincing(replace(seen, evidence=few, quarters=6.0), GRADIENT_WEIGHTS, 0.05)
+
+
+def test_a_place_that_quarters_call_the_only_one_is_not_declined_for_others():
+    asked = replace(look(0.02), share=0.5, quarters=6.0)
+    assert asked.why_not(0.05) is None
+    assert replace(asked, quarters=-2.0).why_not(0.05) == (Reason.AMBIGUOUS, "one of several places, 50 % for the others")
+
+
 def test_a_frame_that_could_be_of_many_places_is_of_the_one_where_the_vehicle_is(map_and_frames, support):
     """Known to 3 m it was declined as it is where it might be 40 m away; beside a prior that is wrong nothing is taken for it."""
     known, same, grown = map_and_frames

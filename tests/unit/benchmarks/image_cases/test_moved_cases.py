@@ -27,7 +27,7 @@ def ground(seed: int, date: str, size_m: float, gsd_m: float) -> Scene:
 
 @pytest.fixture
 def cases(load, monkeypatch, tmp_path) -> Path:
-    module = load("moved_cases")
+    module = load("image_cases.moved_cases")
     monkeypatch.setattr(module, "build_landscape", ground)
     moved = module.Moved((31, 32), ("shore", "flood"), (0.0, 20.0), (0.5, 1.0), shares=(0.5,))
     return module.write_moved(tmp_path / "lines", moved)
@@ -61,7 +61,7 @@ def test_the_line_has_moved_in_the_frame_and_not_under_it(cases):
 
 def test_a_coarser_scene_shows_the_same_places(load):
     fine = ground(1, "map", 40.0, 0.5)
-    coarse = load("moved_cases").coarser(fine, 4)
+    coarse = load("image_cases.moved_cases").coarser(fine, 4)
     assert coarse.size_px == (20, 20)
     assert coarse.pixels[3, 5].astype(float) == pytest.approx(fine.pixels[12:16, 20:24].mean(axis=(0, 1)), abs=0.6)
     middle = fine.T_map_pix @ np.array([21.5, 13.5, 1.0])
