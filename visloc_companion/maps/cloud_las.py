@@ -79,8 +79,8 @@ class LasFile:
 def open_las(path: Path, crs_text: str = "") -> Iterator[LasFile]:
     """Open a file; `crs_text` (EPSG:CODE or WKT) serves where it states no CRS.
 
-    Raises CloudError where it cannot be read, states no point, or is in degrees, and where laspy is missing; MapError for a CRS
-    that is none.
+    Raises CloudError where it cannot be read, states no point or no scale, or is in degrees, and where laspy is missing; MapError
+    for a CRS that is none.
     """
     laspy = _laspy(path)
     require_file(path, "name a .las or .laz file")
@@ -100,8 +100,12 @@ def open_las(path: Path, crs_text: str = "") -> Iterator[LasFile]:
             text = stated or crs_text
             count = int(header.point_count)
             low, high = np.array(header.mins, np.float64), np.array(header.maxs, np.float64)
+            steps, offsets = np.array(header.scales, np.float64), np.array(header.offsets, np.float64)
         if count == 0:
             raise CloudError("holds no point", where=str(path), remedy="name a cloud with content")
+        if not (np.isfinite([steps, offsets]).all() and steps.all()):
+            what = f"header: scale factors {steps} and offsets {offsets} give no coordinates"
+            raise CloudError(what, where=str(path), remedy=f"{READ_AGAIN}, or write it anew (las2las)")
         if not (np.isfinite(low).all() and np.isfinite(high).all() and (low <= high).all()):
             raise CloudError(f"header: bounds {low} to {high} are no box", where=str(path), remedy=READ_AGAIN)
         crs = map_crs(text, str(path)) if text else None

@@ -206,6 +206,15 @@ def test_bounds_that_are_none(tmp_path: Path) -> None:
         read_cloud(tmp_path / "a.las")
 
 
+@pytest.mark.parametrize(("at", "value"), [(131, 0.0), (147, 0.0), (139, np.nan), (155, np.inf)])
+def test_scales_and_offsets_that_give_no_coordinates(tmp_path: Path, at: int, value: float) -> None:
+    raw = bytearray(write_las(tmp_path / "a.las", scene()).read_bytes())
+    struct.pack_into("<d", raw, at, value)  # LAS 1.4, table 3: scale factors of x, z, y; offset of x
+    (tmp_path / "a.las").write_bytes(raw)
+    with pytest.raises(CloudError, match=r"a\.las: header: scale factors .* give no coordinates; remedy"):
+        read_cloud(tmp_path / "a.las")
+
+
 @pytest.mark.parametrize("at", [103, 246])
 def test_a_header_that_states_billions_of_records_is_refused_at_once(tmp_path: Path, at: int) -> None:
     raw = bytearray(write_las(tmp_path / "a.laz", scene()).read_bytes())
