@@ -17,14 +17,15 @@ from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.localise.verify import logistic
 from visloc_companion.types import FloatArray
 
-WEIGHTS = (0.79, 32.4, 10.3, -0.475, -2.72, -1.07, 1.77)
+WEIGHTS = (-0.277, 5.54, 12.6, -0.484, -4.13, -0.575, 1.21)
 """On `regressors`: log-odds of being right. Fitted on answers of the search; they fit those of the other methods as well, since
 the evidence asks nothing of how a registration was found."""
 POWER = 1.5
 """Of the scores. Their squares are the log-likelihoods of independent cells; how many cells are independent falls with the score,
 as it does from a plantation to a lawn with a few trees."""
-LEAST_LEAD, LEAST_PARTS_LEAD = 0.04, 0.0
-"""A place that leads by less, or whose parts do, is no likelier than another, whatever else speaks for it."""
+LEAST_LEAD, LEAST_JOINT_LEAD, LEAST_PARTS_LEAD = 0.04, 0.5, 0.0
+"""A place that leads by less as a whole and by less by all looks at once, or whose parts lead by less, is no likelier than
+another, whatever else speaks for it."""
 USUAL_RELIEF = (0.19, 2.6)
 """Of the source's relief over the reference's: twice beyond that of 99 % of the right places that the claims were fitted on,
 where a single thing in one of the two makes the correlation, or noise."""
@@ -41,14 +42,15 @@ HEIGHT_SHARE = 0.22
 """Sigmas: the refinement's, a floor (horizontal, vertical), and of the height a share of the heights' deviation: crowns that are
 lower in one cloud than in the other."""
 FLAT_M, LOOSE_M, CLEAR_LEAD = 0.1, 1.5, 0.1
-"""A refusal is for want of texture where the relief is flatter or the place looser, else ambiguous where another is as good."""
+"""A refusal is for want of texture where the relief is flatter or the place looser, else ambiguous where another is as good, else
+for the distance from the prior where that is too large."""
 
 
 def regressors(e: Evidence) -> tuple[float, ...]:
-    """What the log-odds are linear in: the lead, that of the parts each on its own, how far the place is from the prior, how much
-    the cloud is bent to fit, how loosely the place is held, and how much of the source agrees."""
+    """What the log-odds are linear in: the lead, that by all looks at once, how far the place is from the prior, how much the
+    cloud is bent to fit, how loosely the place is held, and how much of the source agrees."""
     held = min(e.formal_sigma_m, MOST_SIGMA_M)
-    return (1.0, lead(e), e.parts_lead, min(e.prior_chi2, MOST_CHI2), min(abs(e.bowl_m), MOST_BOWL_M), held, e.blocks)
+    return (1.0, lead(e), e.joint_lead, min(e.prior_chi2, MOST_CHI2), min(abs(e.bowl_m), MOST_BOWL_M), held, e.blocks)
 
 
 def lead(e: Evidence) -> float:
@@ -69,10 +71,11 @@ def probability_wrong(e: Evidence) -> float:
 
 
 def at_least(wrong: float, e: Evidence) -> float:
-    """The probability in view of what could not be compared; at least a half where another place is as likely, by the whole or by
-    the parts, the place is far from the prior, or the reliefs are too unlike or may be steps of rounded heights."""
+    """The probability in view of what could not be compared; at least a half where another place is as likely, by the whole and
+    all looks at once or by the parts, the place is far from the prior, or the reliefs are too unlike or may be steps of rounded
+    heights."""
     wrong = in_view_of_unseen(wrong, e.unseen)
-    ambiguous = lead(e) < LEAST_LEAD or e.parts_lead < LEAST_PARTS_LEAD
+    ambiguous = (lead(e) < LEAST_LEAD and e.joint_lead < LEAST_JOINT_LEAD) or e.parts_lead < LEAST_PARTS_LEAD
     return max(wrong, 0.5) if ambiguous or e.prior_chi2 > MOST_CHI2 or unlike(e) or e.terraced else wrong
 
 
@@ -109,7 +112,10 @@ def doubted(registered: Registered) -> NotRegistered:
 
 
 def _refused(e: Evidence, wrong: float) -> NotRegistered:
-    return NotRegistered(_reason(e), f"wrong with a probability of {wrong:.3f}", (*e.named(), ("probability_wrong", wrong)))
+    reason, what = _reason(e), f"wrong with a probability of {wrong:.3f}"
+    if reason is Reason.INCONSISTENT_WITH_PRIOR:
+        what += f", {math.sqrt(e.prior_chi2):.0f} sigma from the prior: heights of another datum, another unit or heading?"
+    return NotRegistered(reason, what, (*e.named(), ("probability_wrong", wrong)))
 
 
 def _floor_m2(e: Evidence, prior: RegistrationPrior) -> FloatArray:
@@ -121,4 +127,6 @@ def _reason(e: Evidence) -> Reason:
     """Which of the evidence is worst."""
     if e.relief_m < FLAT_M or e.formal_sigma_m > LOOSE_M or e.terraced:
         return Reason.LOW_TEXTURE
-    return Reason.AMBIGUOUS if e.score - e.rival < CLEAR_LEAD else Reason.NO_MATCH
+    if e.score - e.rival < CLEAR_LEAD:
+        return Reason.AMBIGUOUS
+    return Reason.INCONSISTENT_WITH_PRIOR if e.prior_chi2 > MOST_CHI2 else Reason.NO_MATCH

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.clouds import UP
 from visloc_companion.localise.registration.handicap import of_similarity
+from visloc_companion.localise.registration.leads import leads_of
 from visloc_companion.localise.registration.pair import Pair
-from visloc_companion.localise.registration.parts import parts_lead
 from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
 from visloc_companion.localise.registration.surfaces import SourceCells, Surface, met
@@ -40,7 +40,8 @@ class Evidence:
     `prior_chi2`: squared distance of place, height, heading and scale from the prior in sigmas; `handicap` (handicap.py) of that
     but the height, which a rival's score lacks as well;
     `refined_rival` is `rival` but of refined places by their score after that, as this one's is;
-    `source_relief_m` is `relief_m` of the source, on the same cells; `parts_lead` as parts.py; `unseen` as correlation.Scores;
+    `source_relief_m` is `relief_m` of the source, on the same cells; `parts_lead` and `joint_lead` as leads.Leads;
+    `unseen` as correlation.Scores;
     `source_strays` and `reference_strays`: numbers of points that were left out (pair.Pair); `rounding_m`: sigma of what heights
     in steps are off by, in the cloud that has the larger ones."""
 
@@ -61,6 +62,7 @@ class Evidence:
     source_strays: float = 0.0
     reference_strays: float = 0.0
     rounding_m: float = 0.0
+    joint_lead: float = 0.0
 
     @property
     def terraced(self) -> bool:
@@ -121,8 +123,9 @@ def evidence_of(
     prior: RegistrationPrior,
 ) -> Evidence:
     """All that is known of one registration. `rivals`: Evidence's `rival` and `refined_rival`; `turned`: similarities (4, 4) of
-    the same place with another heading, whose parts are looked at too."""
+    the same place with another heading, which leads.py looks at too."""
     horizontal = np.linalg.eigvalsh(refined.placed[:2, :2])
+    leads = leads_of(pair, refined.T, prior, turned)
     return Evidence(
         found.correlation,
         found.overlap,
@@ -136,11 +139,12 @@ def evidence_of(
         found.handicap,
         rivals[1],
         found.source_relief_m,
-        parts_lead(pair, refined.T, prior, turned),
+        leads.parts,
         unseen,
         float(pair.strays[0]),
         float(pair.strays[1]),
         math.sqrt(max(float(s.unknown_m2[UP]) for s in pair.sampling)),
+        leads.joint,
     )
 
 

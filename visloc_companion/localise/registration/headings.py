@@ -19,7 +19,7 @@ from visloc_companion.localise.registration.similarity import about, moved, scal
 from visloc_companion.types import FloatArray
 
 MOST_APART_RAD = math.pi / 4
-"""Two headings are two from here on, however small the source is; and the parts of a source may be asked for them (parts.py):
+"""Two headings are two from here on, however small the source is; and the parts of a source may be asked for them (leads.py):
 less moves those about the middle hardly, and they agree either way."""
 
 

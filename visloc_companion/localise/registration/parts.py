@@ -1,4 +1,4 @@
-"""How far the parts of the source, each compared on its own, agree at a place rather than at any other of the prior's region.
+"""How well the parts of the source, each compared on its own, agree with the reference at the places of a region.
 
 One correlation of the whole is made by what stands highest: a single house, or a crown that has grown, can carry it to a wrong
 place, and what was felled or built takes it down at the right one. Parts have levels and gains of their own, and each counts by
@@ -8,19 +8,17 @@ high where many agree, whatever made the place be found.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array
-from visloc_companion.localise.registration.base import RegistrationPrior
-from visloc_companion.localise.registration.correlation import LEAST_DEVIATION_M, NO_SCORE, Scores, Template, summits
-from visloc_companion.localise.registration.handicap import of_place, of_similarity, of_turn
+from visloc_companion.localise.registration.correlation import LEAST_DEVIATION_M, Template
 from visloc_companion.localise.registration.pair import Pair
-from visloc_companion.localise.registration.search import APART_M, reach_of, region, template
-from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
+from visloc_companion.localise.registration.search import reach_of, template
+from visloc_companion.localise.registration.similarity import scale_of, yaw_of
 from visloc_companion.types import FloatArray
 
 Cells = NDArray[np.int_]
@@ -32,42 +30,14 @@ LEAST_KNOWN = 0.5
 """Share of its cells that a part must know."""
 MOST = 0.98
 """No more correlation than this is told from a better one."""
-NEAR_CELLS = 2.0
-"""The place's own value is the highest so near: it lies between cells."""
 
 
-def parts_lead(pair: Pair, T: FloatArray, prior: RegistrationPrior, turned: Sequence[FloatArray] = ()) -> float:
-    """Mean z of the parts at the place to which T (4, 4) takes the source, less the highest of another place at its heading and
-    scale, or of some that are `turned` (4, 4) at its place, each less its handicap. A part sees nothing (z of 0) beyond the
-    reference."""
-    low, high = region(pair, prior)
-    if (high < low).any():
-        return 0.0
-    z = _mean_z(pair, T, low, high)
-    here = pair.reference.cells_of(moved(T, pair.centre_m)[None, :2])[0]
-    middle, cell = pair.reference.cells_of(pair.centre_m[:2]), pair.reference.cell_m
-    u, v = np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)[:, None]
-    z = z - of_place(cell * (u - middle[0]), cell * (v - middle[1]), prior)
-    cells = np.hypot(u - here[0], v - here[1])
-    own = float(np.max(z, where=cells <= NEAR_CELLS, initial=NO_SCORE))
-    away = summits(Scores(z, np.zeros(z.shape, np.int32), (0, 0))) & (cells >= APART_M / cell)
-    turn = of_turn(yaw_of(T), scale_of(T), prior)
-    beside = [_near(pair, other, prior, (low, high)) + turn for other in turned]
-    return max(own, 0.0) - max([float(np.max(z, where=away, initial=0.0)), *beside])
+def z_of(correlation: Float32Array) -> Float32Array:
+    """Fisher's z of a correlation, of what is none or less 0."""
+    return np.asarray(np.arctanh(np.clip(correlation, 0, np.float32(MOST))), dtype=np.float32)
 
 
-def _near(pair: Pair, T: FloatArray, prior: RegistrationPrior, within: tuple[Cells, Cells]) -> float:
-    """The highest mean z about a place, within the region (its first and last cell), less its handicap."""
-    here = pair.reference.cells_of(moved(T, pair.centre_m)[:2])
-    low = np.maximum(np.ceil(here - NEAR_CELLS).astype(int), within[0])
-    high = np.minimum(np.floor(here + NEAR_CELLS).astype(int), within[1])
-    if (high < low).any():
-        return 0.0
-    z = _mean_z(pair, T, low, high) - np.float32(of_similarity(T, pair.centre_m, prior))
-    return float(z.max())
-
-
-def _mean_z(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> Float32Array:
+def mean_z(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> Float32Array:
     """(rows, cols) mean z of the parts at the places of a box of the reference's cells, each part by its number of cells."""
     yaw, scale, cell = yaw_of(T), scale_of(T), pair.reference.cell_m
     reach = reach_of(pair, [(yaw, scale)])
@@ -77,7 +47,7 @@ def _mean_z(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> Float32Array:
     for row, col, part in _split(template(pair.source_relief, pair.centre_m, yaw, scale, cell, reach)):
         beside = around[row : row + shape[0] + part.known.shape[0] - 1, col : col + shape[1] + part.known.shape[1] - 1]
         cells = int(part.known.sum())
-        total += np.float32(cells) * np.arctanh(np.clip(_correlation(part, beside, cells), 0, np.float32(MOST)))
+        total += np.float32(cells) * z_of(_correlation(part, beside, cells))
         number += cells
     return total / np.float32(max(number, 1))
 

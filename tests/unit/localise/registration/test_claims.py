@@ -8,6 +8,7 @@ import pytest
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.claims import (
+    LEAST_JOINT_LEAD,
     LEAST_LEAD,
     LEAST_PARTS_LEAD,
     MOST_CHI2,
@@ -37,6 +38,7 @@ GOOD = Evidence(
     refined_rival=0.3,
     source_relief_m=2.5,
     parts_lead=0.3,
+    joint_lead=0.45,
 )
 PRIOR = RegistrationPrior(20.0, 3.0, 0.05, 0.01, 0.012)
 REFINED = Refined(np.eye(4), 0.1, np.diag([1e-3, 2e-3, 1e-6, 1e-6]), np.diag([1e-4, 1e-6, 1e-6, 1e-3]), 0.4)
@@ -50,7 +52,7 @@ def test_the_distance_from_the_prior_is_doubt_and_beyond_a_limit_disbelief():
     doubtful = replace(GOOD, rival=0.8, refined_rival=0.75)
     near, far = (probability_wrong(replace(doubtful, prior_chi2=c)) for c in (2.0, MOST_CHI2))
     assert near < far
-    leads = replace(GOOD, correlation=1.0, overlap=1.0, rival=0.0, refined_rival=0.0, parts_lead=1.0)
+    leads = replace(GOOD, correlation=1.0, overlap=1.0, rival=0.0, refined_rival=0.0, parts_lead=1.0, joint_lead=3.0)
     assert probability_wrong(replace(leads, prior_chi2=MOST_CHI2)) < 0.01
     assert probability_wrong(replace(leads, prior_chi2=MOST_CHI2 + 1)) >= 0.5
 
@@ -82,24 +84,38 @@ def test_reliefs_of_much_unlike_size_are_not_believed_however_far_the_place_lead
 
 
 def test_gullies_that_two_surveys_see_unlike_are_believed_where_they_lead():
-    """Two epochs of bragg, half a metre off: the source's relief is 1.7 times the reference's."""
+    """Two epochs of bragg, half a metre off: the source's relief is 1.7 times the reference's. All looks lead by the least of 36
+    others whose parts lead so."""
     seen = replace(GOOD, correlation=0.70, overlap=0.87, rival=0.40, refined_rival=0.36, prior_chi2=1.9)
-    assert probability_wrong(replace(seen, relief_m=0.17, source_relief_m=0.28, parts_lead=0.38, formal_sigma_m=0.58)) < 0.01
+    seen = replace(seen, relief_m=0.17, source_relief_m=0.28, parts_lead=0.38, joint_lead=0.72, formal_sigma_m=0.58)
+    assert probability_wrong(seen) < 0.01
 
 
 def test_parts_that_would_lie_elsewhere_are_doubt():
     doubtful = replace(GOOD, correlation=0.45, rival=0.35, refined_rival=0.3)
-    claims = [probability_wrong(replace(doubtful, parts_lead=lead)) for lead in (0.3, 0.1, 0.0)]
+    claims = [probability_wrong(replace(doubtful, parts_lead=lead, joint_lead=0.3 + lead)) for lead in (0.3, 0.1, 0.0)]
     assert claims[0] < claims[1] < claims[2] < 0.5
     assert probability_wrong(replace(GOOD, parts_lead=LEAST_PARTS_LEAD - 0.01)) >= 0.5
 
 
 def test_a_crown_that_carries_the_correlation_alone_is_refused():
-    """A suburb in the reference of another: as many sixteenths of it agree elsewhere."""
+    """A suburb in the reference of another: as many sixteenths of it agree elsewhere. All looks lead by the median of 30 others
+    whose parts lead so little."""
     seen = replace(GOOD, correlation=0.43, overlap=0.75, rival=0.32, refined_rival=0.29, blocks=0.48, prior_chi2=0.2)
-    seen = replace(seen, relief_m=2.03, source_relief_m=1.46, formal_sigma_m=0.92, parts_lead=0.022)
+    seen = replace(seen, relief_m=2.03, source_relief_m=1.46, formal_sigma_m=0.92, parts_lead=0.022, joint_lead=0.08)
     assert probability_wrong(seen) > 0.05
-    assert probability_wrong(replace(seen, parts_lead=0.3)) < 0.01
+    assert probability_wrong(replace(seen, parts_lead=0.3, joint_lead=0.7)) < 0.01
+
+
+def test_a_place_that_leads_by_all_looks_at_once_is_believed_though_it_leads_by_little_as_a_whole():
+    """A plantation, grown and felled in part, and trees on a lawn: 0.08 before the next place each, and both right."""
+    plantation = replace(GOOD, correlation=0.252, overlap=1.0, rival=0.17, refined_rival=0.17, blocks=0.444, formal_sigma_m=0.238)
+    plantation = replace(plantation, relief_m=4.95, source_relief_m=2.81, bowl_m=0.167, prior_chi2=2.67, parts_lead=0.126)
+    lawn = replace(GOOD, correlation=0.697, overlap=0.966, rival=0.611, refined_rival=0.605, blocks=0.69, formal_sigma_m=0.598)
+    lawn = replace(lawn, relief_m=1.63, source_relief_m=1.64, bowl_m=-0.431, prior_chi2=4.88, parts_lead=0.176)
+    for seen, joint in ((plantation, 0.410), (lawn, 0.749)):
+        assert probability_wrong(replace(seen, joint_lead=joint)) < 0.05
+        assert probability_wrong(replace(seen, joint_lead=0.1)) > 0.2
 
 
 def test_a_relief_no_larger_than_the_steps_of_rounded_heights_is_not_believed():
@@ -133,6 +149,15 @@ def test_a_place_without_a_lead_is_not_believed_whatever_else_speaks_for_it():
     assert probability_wrong(alike) >= 0.5
 
 
+def test_a_place_that_leads_by_all_looks_at_once_needs_no_lead_as_a_whole():
+    """Gullies of two epochs, 1.3 m off: another place scores more, and nowhere do all looks agree as here."""
+    seen = replace(GOOD, correlation=0.63, overlap=0.87, rival=0.62, refined_rival=0.60, blocks=0.91, formal_sigma_m=2.19)
+    seen = replace(seen, relief_m=0.11, source_relief_m=0.14, bowl_m=0.01, prior_chi2=6.08, parts_lead=0.34, joint_lead=1.11)
+    assert lead(seen) < LEAST_LEAD
+    assert probability_wrong(seen) < 0.01
+    assert probability_wrong(replace(seen, joint_lead=LEAST_JOINT_LEAD - 0.01)) >= 0.5
+
+
 def test_what_could_not_be_compared_is_doubt_by_bayes_rule():
     claims = [probability_wrong(replace(GOOD, unseen=share)) for share in (0.0, 0.2, 0.9, 1.0)]
     assert claims == sorted(claims)
@@ -152,6 +177,14 @@ def test_declines_with_the_reason_that_is_worst():
     assert isinstance(flat, NotRegistered)
     assert (alike.reason, flat.reason) == (Reason.AMBIGUOUS, Reason.LOW_TEXTURE)
     assert dict(alike.evidence)["probability_wrong"] > 0.05
+
+
+def test_a_place_that_leads_and_lies_too_far_from_the_prior_says_so():
+    """Heights 30 m off, of a datum that nobody stated."""
+    found = answer(REFINED, replace(GOOD, prior_chi2=108.0), PRIOR, 0.05)
+    assert isinstance(found, NotRegistered)
+    assert found.reason is Reason.INCONSISTENT_WITH_PRIOR
+    assert "10 sigma from the prior: heights of another datum" in found.detail
 
 
 @pytest.mark.parametrize(

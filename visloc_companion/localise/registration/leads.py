@@ -1,0 +1,99 @@
+"""How far a place leads any other of the prior's region, by several looks at the ground and by all of them together.
+
+The search compares what stands out at 8 m, as a whole. Two more looks are asked at the heading and scale that it found: the
+parts, each on its own, and the parts of what stands out at 2 m. What favours another place by chance in one look seldom does so
+in the others: where the looks are added up place by place, a rival has to be good at all of them at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from visloc_companion.localise.features.base import Float32Array
+from visloc_companion.localise.registration.base import RegistrationPrior
+from visloc_companion.localise.registration.correlation import NO_SCORE, HeightCorrelator, Scores, summits
+from visloc_companion.localise.registration.handicap import of_place, of_turn
+from visloc_companion.localise.registration.height_map import high_passed
+from visloc_companion.localise.registration.pair import Pair
+from visloc_companion.localise.registration.parts import Cells, mean_z, z_of
+from visloc_companion.localise.registration.search import APART_M, reach_of, region, template
+from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
+from visloc_companion.types import FloatArray
+
+NEAR_CELLS = 2.0
+"""The place's own value is the highest so near: it lies between cells."""
+FINE_M, FINE_CELLS = 2.0, 1.0
+"""The finer relief is what stands out of a Gaussian mean of this sigma, at least so many cells."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leads:
+    """Fisher's z at a place less the highest of another: `parts` its mean over the parts; `joint` the sum of that, of the mean
+    over the parts of the finer relief and of the z of the whole."""
+
+    parts: float
+    joint: float
+
+
+def leads_of(pair: Pair, T: FloatArray, prior: RegistrationPrior, turned: Sequence[FloatArray] = ()) -> Leads:
+    """Of the place to which T (4, 4) takes the source, over all others at its heading and scale, and over some that are `turned`
+    (4, 4) at its place, each less its handicap. A part sees nothing (z of 0) beyond the reference; 0 where nothing is searched.
+    """
+    low, high = region(pair, prior)
+    if (high < low).any():
+        return Leads(0.0, 0.0)
+    fine = _finer(pair)
+    here = pair.reference.cells_of(moved(T, pair.centre_m)[:2])
+    cells = np.hypot(np.arange(low[0], high[0] + 1) - here[0], np.arange(low[1], high[1] + 1)[:, None] - here[1])
+    turn = of_turn(yaw_of(T), scale_of(T), prior)
+    beside = [_beside(pair, fine, other, prior, (low, high)) + turn for other in turned]
+    apart = cells >= APART_M / pair.reference.cell_m
+    found = []
+    for k, z in enumerate(_looks(pair, fine, T, prior, (low, high))):
+        own = float(np.max(z, where=cells <= NEAR_CELLS, initial=NO_SCORE))
+        away = summits(Scores(z, np.zeros(z.shape, np.int32), (0, 0))) & apart
+        found.append(max(own, 0.0) - max([float(np.max(z, where=away, initial=0.0)), *(float(b[k]) for b in beside)]))
+    return Leads(*found)
+
+
+def _finer(pair: Pair) -> Pair:
+    """The pair with the finer reliefs."""
+    sigma_m = max(FINE_M, FINE_CELLS * pair.reference.cell_m)
+    source, reference = (high_passed(of, sigma_m) for of in (pair.source, pair.reference))
+    return replace(pair, source_relief=source, reference_relief=reference)
+
+
+def _beside(pair: Pair, fine: Pair, T: FloatArray, prior: RegistrationPrior, within: tuple[Cells, Cells]) -> FloatArray:
+    """(2,) The highest value of each look about a place, within the region (its first and last cell), less its handicap."""
+    here = pair.reference.cells_of(moved(T, pair.centre_m)[:2])
+    low = np.maximum(np.ceil(here - NEAR_CELLS).astype(int), within[0])
+    high = np.minimum(np.floor(here + NEAR_CELLS).astype(int), within[1])
+    if (high < low).any():
+        return np.zeros(2)
+    looks = _looks(pair, fine, T, prior, (low, high))
+    return np.array([float(z.max()) for z in looks]) - of_turn(yaw_of(T), scale_of(T), prior)
+
+
+def _looks(
+    pair: Pair, fine: Pair, T: FloatArray, prior: RegistrationPrior, box: tuple[Cells, Cells]
+) -> tuple[Float32Array, Float32Array]:
+    """(rows, cols) each, over a box of the reference's cells: z of the parts, and the sum of it, of that of the finer relief's
+    and of the whole's; each less the handicap of its place."""
+    low, high = box
+    middle, cell = pair.reference.cells_of(pair.centre_m[:2]), pair.reference.cell_m
+    u, v = np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)[:, None]
+    handicap = of_place(cell * (u - middle[0]), cell * (v - middle[1]), prior)
+    parts = mean_z(pair, T, low, high)
+    return parts - handicap, parts + mean_z(fine, T, low, high) + _whole_z(pair, T, low, high) - handicap
+
+
+def _whole_z(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> Float32Array:
+    """(rows, cols) z of the whole source at the places of a box of the reference's cells."""
+    at = (yaw_of(T), scale_of(T))
+    reach = reach_of(pair, [at])
+    box = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+    whole = template(pair.source_relief, pair.centre_m, *at, pair.reference.cell_m, reach)
+    return z_of(HeightCorrelator(pair.reference_relief, box, (-reach, -reach, reach, reach), 1).scores([whole]).score)
