@@ -80,7 +80,7 @@ def test_nothing_is_fitted_to_families_that_are_judged_only(load, capsys):
 
 
 def test_every_training_set_is_of_a_family(load):
-    sets = load("training_sets")
+    sets = load("image_cases.training_sets")
     assert sorted(name for names in sets.FAMILIES.values() for name in names) == sorted(sets.SETS)
 
 

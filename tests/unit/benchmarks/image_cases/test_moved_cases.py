@@ -69,7 +69,7 @@ def test_a_coarser_scene_shows_the_same_places(load):
 
 
 def test_squares_are_laid_out_alike_over_level_ground(load, monkeypatch):
-    worlds = load("look_alike_worlds")
+    worlds = load("worlds.look_alike_worlds")
     monkeypatch.setattr(worlds, "build_landscape", ground)
     periodic = worlds.scene_of(worlds.KINDS.index("periodic"), "map", 200.0, worlds.GSD_M)
     side = round(worlds.BLOCK_M / worlds.GSD_M)
@@ -82,7 +82,7 @@ def test_squares_are_laid_out_alike_over_level_ground(load, monkeypatch):
 
 
 def test_a_frame_over_level_ground_may_be_as_small_as_it_is_told(load, monkeypatch, tmp_path):
-    module = load("landscape_cases")
+    module = load("image_cases.landscape_cases")
     worlds = module.Worlds((3,), 1, (0.5,), 48, scene_of=ground, least_m=0.0)
     folder = module.write_landscape(tmp_path / "small", worlds)
     (truth,) = read_truth(folder).values()
