@@ -7,6 +7,10 @@ A level is the smallest radius r for which the probability that the error exceed
 k = 0 is the filter itself (p_0 = 1), the others are the solutions that leave fixes out (separation.py) and the places where the
 vehicle is if fixes are wrong by the same offset (alike.py), with their probability; d_k is how far such a place is from what is
 stated, s_k its 1-sigma, which includes what no solution can do without (the map).
+
+That is a bound: a place that is d_k away reaches r in one direction only, and an ellipse along its longer axis only. Of the
+filter's own error all is known, so of that the probability itself is taken (`round_about`). How probable the others are is
+assumed in part; what their bound leaves over is needed (docs/decisions/0095-the-filters-own-error-is-an-ellipse.md).
 """
 
 from __future__ import annotations
@@ -28,8 +32,12 @@ HEIGHT_SHARE = 0.005
 """1-sigma, as a share of the height flown, of what heights from images have in common: focal length, surface model."""
 GRID = 33
 SHARES = np.linspace(0.0, 1.0, GRID)
-CERTAIN = np.ones(1)
-"""Probability of the filter itself."""
+DIRECTIONS = 7
+CERTAIN = np.array([0.5, *[1.0] * (DIRECTIONS - 2), 0.5]) / (DIRECTIONS - 1)
+"""Probability of the filter itself, in so many directions of its error: the first and the last are of the axes."""
+TURNED = np.cos(np.linspace(0.0, math.pi, DIRECTIONS))
+LEAST_SHARE = 1e-9
+"""Of the larger variance: a line's other one is none, or a rounding below."""
 ROUNDING = 1e-6
 """So that the largest radius tried is certainly enough."""
 
@@ -74,19 +82,31 @@ def bound_m(
     return high
 
 
+def round_about(middle_m2: float, reach_m2: float) -> FloatArray:
+    """Variances (DIRECTIONS,) of circles, CERTAIN of them, that together reach as far as one ellipse, whose principal variances
+    are the middle plus and less the reach.
+
+    An error A n, n of two normal coordinates, has in each direction phi of n a length of Rayleigh's, of variance middle + reach
+    cos 2 phi. The mean over evenly spaced directions of what is smooth and periodic converges faster than any power of their
+    number (Trefethen & Weideman, "The exponentially convergent trapezoidal rule", 2014): here it is right to 0.1 %.
+    """
+    return np.maximum(middle_m2 + reach_m2 * TURNED, LEAST_SHARE * (middle_m2 + reach_m2))
+
+
 def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, alike: Alike, settings: NavigatorSettings) -> float:
     """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east."""
     n, K = 1 + len(without), 1 + len(without) + len(alike)
-    own_m2, covs_m2, off_m = P[:2, :2].reshape(4, 1), np.empty((4, K)), np.zeros((K, 2))
+    own_m2, covs_m2, off_m = P[:2, :2].reshape(4, 1), np.empty((4, K)), np.zeros((K + DIRECTIONS - 1, 2))
     covs_m2[:, :1], covs_m2[:, 1:n] = own_m2, without.position_m2
     covs_m2[:, n:] = (1 - SHARE) * own_m2 + alike.cov_m2.reshape(-1, 4).T
-    off_m[1:n], off_m[n:] = without.x[:, :2] - x[:2], alike.off_m
+    off_m[DIRECTIONS : DIRECTIONS + n - 1], off_m[DIRECTIONS + n - 1 :] = without.x[:, :2] - x[:2], alike.off_m
     probability = np.concatenate([CERTAIN, without.probability, alike.probability])
     nn, ne, _, ee = covs_m2
-    larger_m2 = (nn + ee) / 2
-    larger_m2 += np.hypot((nn - ee) / 2, ne)
-    larger_m2 += settings.map_sigma_m**2
-    apart_m, sigma_m = np.hypot(off_m[:, 0], off_m[:, 1]), np.sqrt(larger_m2)
+    middle_m2, reach_m2 = (nn + ee) / 2, np.hypot((nn - ee) / 2, ne)
+    own = round_about(float(middle_m2[0]), float(reach_m2[0]))
+    largest_m2 = np.concatenate([own, (middle_m2 + reach_m2)[1:]])
+    largest_m2 += settings.map_sigma_m**2
+    apart_m, sigma_m = np.hypot(off_m[:, 0], off_m[:, 1]), np.sqrt(largest_m2)
     return bound_m(apart_m, sigma_m, probability, settings.integrity_risk, rayleigh)
 
 
