@@ -10,7 +10,7 @@ stated, s_k its 1-sigma, which includes what no solution can do without (the map
 
 That is a bound: a place that is d_k away reaches r in one direction only, and an ellipse along its longer axis only. Of the
 filter's own error all is known, so of that the probability itself is taken (`round_about`). How probable the others are is
-assumed in part; what their bound leaves over is needed (docs/decisions/0095-the-filters-own-error-is-an-ellipse.md).
+assumed in part; what their bound leaves over is needed (docs/decisions/0097-the-filters-own-error-is-an-ellipse.md).
 """
 
 from __future__ import annotations
