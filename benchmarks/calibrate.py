@@ -163,8 +163,8 @@ def collect(method: str, judged: dict[str, list[Judged]]) -> Samples:
                 continue
             x.append(regressors(method, result))
             evidence = Evidence.from_numbers(result.evidence) if method in WEIGHTS else None
-            of_looks = {name: number for name, number in result.evidence.items() if name != "quarters"}
-            sure.append(1.0 if evidence is None else _not_otherwise_wrong(evidence, of_looks))
+            numbers = result.evidence
+            sure.append(1.0 if evidence is None else near_enough(evidence) * numbers["share"] * numbers["votes"])
             fewer.append(0.0 if evidence is None else fewer_places(evidence.prior_px))
             right.append(not error.wrong)
             family.append(place)
@@ -185,17 +185,12 @@ def collect_asked(judged: dict[str, list[Judged]]) -> Samples:
             numbers, evidence = result.evidence, Evidence.from_numbers(result.evidence)
             place = probability_of_place(evidence, DEEP_WEIGHTS)
             x.append(quarter_regressors(place, numbers["quarters"]))
-            sure.append(_not_otherwise_wrong(evidence, numbers))
+            sure.append(near_enough(evidence) * left_to_place(numbers))
     return replace(of_looks, x=np.array(x), sure=np.array(sure), fewer=np.zeros(len(x)), signs=QUARTER_SIGNS)
 
 
 def _is_sample(error: CaseError | None) -> TypeGuard[CaseError]:
     return error is not None and not (error.wrong and not error.far and error.chi2 <= CHI2_95)
-
-
-def _not_otherwise_wrong(evidence: Evidence, numbers: dict[str, float]) -> float:
-    """What the logistic function is multiplied by in flight (localise/candidates/looks.py)."""
-    return near_enough(evidence) * left_to_place(numbers)
 
 
 def regressors(method: str, result: CaseResult) -> tuple[float, ...]:

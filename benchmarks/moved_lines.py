@@ -126,6 +126,12 @@ def grown(later: Scene, land: str, seed: int) -> Scene:
     return changed(later, Change("ploughed", half_width_m=2 * SIZE_M, share=LANDS[land]), way, seed)
 
 
+def over_moved(now: Scene, line: Line, kind: str, moved_m: float, seed: int) -> CameraSimulator:
+    """A camera over the later date with the line so far from where the map has it."""
+    scene, water = covered(now, line, kind, moved_m, seed + 500)
+    return CameraSimulator(scene, MODEL, CameraEffects(), water)
+
+
 def frames(
     scene: Scene, camera: CameraSimulator, line: Line, seed: int, shares: list[float]
 ) -> Iterator[tuple[float, GeoPoint, Quat, Image, LocaliseRequest]]:
@@ -224,8 +230,7 @@ def main() -> None:
             for land in chosen.lands:
                 now = grown(later, land, seed)
                 for moved_m in chosen.moved:
-                    scene, water = covered(now, line, kind, moved_m, seed + 500)
-                    camera = CameraSimulator(scene, MODEL, CameraEffects(), water)
+                    camera = over_moved(now, line, kind, moved_m, seed)
                     for share, place, _, pixels, request in frames(earlier, camera, line, seed, chosen.shares):
                         for method, localiser in localisers.items():
                             what = answered(localiser, request, pixels, ref, place)

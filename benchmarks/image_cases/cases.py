@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import importlib.util
+import math
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -12,6 +13,9 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+from visloc_companion.geo.se3 import euler_from_quat
+from visloc_companion.types import CameraModel, GeoPoint, Quat, Vec3
 
 PROJECT = Path(__file__).resolve().parents[2]
 SHARED = PROJECT.parent / "shared"
@@ -66,6 +70,38 @@ def write_tables(folder: Path, cases: Sequence[Mapping[str, Any]], truths: Seque
             writer.writeheader()
             writer.writerows(table)
     return folder
+
+
+def case_row(
+    name: str, drawn: Sequence[Path], model: CameraModel, place: GeoPoint, attitude_deg: Vec3, sigmas: Mapping[str, float]
+) -> dict[str, Any]:
+    """One row of `cases.csv`: the map as drawn (orthophoto, surface), the prior's place and roll, pitch, yaw, and its sigmas by
+    their columns."""
+    roll, pitch, yaw = attitude_deg
+    return {
+        **{"id": name, "frame": f"frames/{name}.png", "ortho": str(drawn[0].resolve()), "dsm": str(drawn[1].resolve())},
+        **{"fx_px": model.fx_px, "fy_px": model.fy_px, "cx_px": model.cx_px, "cy_px": model.cy_px},
+        "distortion": " ".join(str(c) for c in model.distortion),
+        **{"prior_lat_deg": place.lat_deg, "prior_lon_deg": place.lon_deg, "prior_h_m": place.h_amsl_m},
+        **{"prior_roll_deg": roll, "prior_pitch_deg": pitch, "prior_yaw_deg": yaw % 360},
+        **sigmas,
+    }
+
+
+def truth_row(name: str, place: GeoPoint, attitude_deg: Vec3, gsd_m: float, frame_date: str) -> dict[str, Any]:
+    """One row of `truth.csv`, of a frame over a map of the landscape's earlier date."""
+    roll, pitch, yaw = attitude_deg
+    return {
+        **{"id": name, "lat_deg": place.lat_deg, "lon_deg": place.lon_deg, "h_m": place.h_amsl_m},
+        **{"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw, "gsd_m": gsd_m},
+        **{"map_date": "map", "frame_date": frame_date, "solvable": 1},
+    }
+
+
+def euler_deg(q_ned_frd: Quat) -> Vec3:
+    """Roll, pitch and yaw of an attitude, degrees."""
+    roll, pitch, yaw = euler_from_quat(q_ned_frd)
+    return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
 
 
 def read_table(path: Path) -> list[dict[str, Any]]:

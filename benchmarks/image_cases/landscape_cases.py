@@ -6,7 +6,7 @@ Seeds below 100 are for training and fitting, the others for scoring only.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.image_cases.cases import maker, write_tables
+from benchmarks.image_cases.cases import case_row, maker, truth_row, write_tables
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.maps.crs import map_crs
@@ -23,7 +23,7 @@ from visloc_companion.sim.landscape import build_landscape
 from visloc_companion.sim.render import CameraSimulator
 from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
-from visloc_companion.types import CameraModel, GeoPoint
+from visloc_companion.types import CameraModel, GeoPoint, Vec3
 
 FIRST_SCORING_SEED = 100
 SIDE_PX = 900
@@ -58,7 +58,7 @@ def write_landscape(folder: Path, worlds: Worlds) -> Path:
     truths: list[dict[str, Any]] = []
     for number, seed in enumerate(worlds.seeds):
         gsd_m = worlds.gsds_m[number % len(worlds.gsds_m)]
-        ortho, dsm = worlds.scene_of(seed, "map", SIDE_PX * gsd_m, gsd_m).save(folder / f"world{seed}")
+        drawn = worlds.scene_of(seed, "map", SIDE_PX * gsd_m, gsd_m).save(folder / f"world{seed}")
         scene = worlds.scene_of(seed, "flight", SIDE_PX * gsd_m, gsd_m)
         camera = CameraSimulator(scene, _model(), CameraEffects())
         rng = np.random.default_rng([seed, 11])
@@ -67,8 +67,8 @@ def write_landscape(folder: Path, worlds: Worlds) -> Path:
             place, attitude, above_m = _pose(rng, scene, worlds, gsd_m)
             pixels = camera.frame(place, quat_from_euler(*(math.radians(a) for a in attitude)), seed * 1000 + k)
             cv2.imwrite(str(folder / "frames" / f"{name}.png"), pixels[..., ::-1])
-            cases.append(_case(name, ortho, dsm, rng, worlds, gsd_m, place, attitude, above_m))
-            truths.append(_truth(name, place, attitude, gsd_m))
+            cases.append(_case(name, drawn, rng, worlds, gsd_m, place, attitude, above_m))
+            truths.append(truth_row(name, place, attitude, gsd_m, "flight"))
     return write_tables(folder, cases, truths)
 
 
@@ -77,9 +77,7 @@ def _model() -> CameraModel:
     return CameraModel(tool.FRAME_PX, tool.FRAME_PX, tool.FOCAL_PX, tool.FOCAL_PX, tool.CENTRE_PX, tool.CENTRE_PX)
 
 
-def _pose(
-    rng: np.random.Generator, scene: Scene, worlds: Worlds, gsd_m: float
-) -> tuple[GeoPoint, tuple[float, float, float], float]:
+def _pose(rng: np.random.Generator, scene: Scene, worlds: Worlds, gsd_m: float) -> tuple[GeoPoint, Vec3, float]:
     """Place, attitude (roll, pitch, yaw; degrees) and height above the ground of one frame."""
     foot_px = max(worlds.foot_px, worlds.least_m / gsd_m)
     above_m = foot_px * gsd_m / 2 / math.tan(math.radians(30))
@@ -96,33 +94,20 @@ def _pose(
 
 def _case(
     name: str,
-    ortho: Path,
-    dsm: Path,
+    drawn: Sequence[Path],
     rng: np.random.Generator,
     worlds: Worlds,
     gsd_m: float,
     place: GeoPoint,
-    attitude: tuple[float, float, float],
+    attitude_deg: Vec3,
     above_m: float,
 ) -> dict[str, Any]:
-    tool, model, (roll, pitch, yaw) = maker(), _model(), attitude
+    roll, pitch, yaw = attitude_deg
     north, east = rng.uniform(-worlds.offset_px, worlds.offset_px, 2) * gsd_m
     prior = geo_from_ned((north, east, rng.uniform(-0.08, 0.08) * above_m), place)
-    return {
-        **{"id": name, "frame": f"frames/{name}.png", "ortho": str(ortho.resolve()), "dsm": str(dsm.resolve()), "distortion": ""},
-        **{"fx_px": model.fx_px, "fy_px": model.fy_px, "cx_px": tool.CENTRE_PX, "cy_px": tool.CENTRE_PX},
-        **{"prior_lat_deg": prior.lat_deg, "prior_lon_deg": prior.lon_deg, "prior_h_m": prior.h_amsl_m},
-        **{"prior_roll_deg": roll + rng.normal(0, 0.3), "prior_pitch_deg": pitch + rng.normal(0, 0.3)},
-        "prior_yaw_deg": (yaw + rng.uniform(-10, 10)) % 360,
-        "sigma_horizontal_m": worlds.offset_px * gsd_m / 3**0.5,
-        **{"sigma_h_m": 0.08 * above_m / 3**0.5, "sigma_yaw_deg": 10 / 3**0.5, "sigma_tilt_deg": 0.3},
+    turned = roll + rng.normal(0, 0.3), pitch + rng.normal(0, 0.3), yaw + rng.uniform(-10, 10)
+    sigmas = {
+        **{"sigma_horizontal_m": worlds.offset_px * gsd_m / 3**0.5, "sigma_h_m": 0.08 * above_m / 3**0.5},
+        **{"sigma_yaw_deg": 10 / 3**0.5, "sigma_tilt_deg": 0.3},
     }
-
-
-def _truth(name: str, place: GeoPoint, attitude: tuple[float, float, float], gsd_m: float) -> dict[str, Any]:
-    roll, pitch, yaw = attitude
-    return {
-        **{"id": name, "lat_deg": place.lat_deg, "lon_deg": place.lon_deg, "h_m": place.h_amsl_m},
-        **{"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw, "gsd_m": gsd_m},
-        **{"map_date": "map", "frame_date": "flight", "solvable": 1},
-    }
+    return case_row(name, drawn, _model(), prior, turned, sigmas)

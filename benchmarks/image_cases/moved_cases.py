@@ -7,7 +7,6 @@ The frames are those of moved_lines, 105 to 135 m above procedural land; what di
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,14 +14,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.image_cases.cases import write_tables
-from benchmarks.moved_lines import GSD_M, LANDS, MODEL, SIZE_M, covered, frames, grown, line_of, mapped
-from visloc_companion.geo.se3 import euler_from_quat
+from benchmarks.image_cases.cases import case_row, euler_deg, truth_row, write_tables
+from benchmarks.moved_lines import GSD_M, LANDS, MODEL, SIZE_M, frames, grown, line_of, mapped, over_moved
 from visloc_companion.sim.landscape import build_landscape
-from visloc_companion.sim.render import CameraSimulator
-from visloc_companion.sim.rendering.render_effects import CameraEffects
 from visloc_companion.sim.scene import Scene
-from visloc_companion.types import GeoPoint, LocaliseRequest, Quat
+from visloc_companion.types import PosePrior
 
 SHARES = (0.33, 0.5, 0.67, 0.85)
 """Of the frame beyond the line; two frames each."""
@@ -55,13 +51,13 @@ def write_moved(folder: Path, moved: Moved) -> Path:
         drawn = coarser(mapped(earlier, line, kind, seed), round(gsd_m / GSD_M)).save(folder / f"world{seed}")
         now = grown(later, land, seed)
         for moved_m in moved.moved_m:
-            scene, water = covered(now, line, kind, moved_m, seed + 500)
-            camera = CameraSimulator(scene, MODEL, CameraEffects(), water)
+            camera = over_moved(now, line, kind, moved_m, seed)
             for k, (_, place, attitude, pixels, request) in enumerate(frames(earlier, camera, line, seed, list(moved.shares))):
                 name = f"{kind}{seed}_{moved_m:g}_{k:03d}"
                 cv2.imwrite(str(folder / "frames" / f"{name}.png"), pixels[..., ::-1])
-                cases.append(_case(name, drawn, request))
-                truths.append(_truth(name, land, place, attitude, gsd_m))
+                prior = request.prior
+                cases.append(case_row(name, drawn, MODEL, prior.place, euler_deg(prior.q_ned_frd), _sigmas(prior)))
+                truths.append(truth_row(name, place, euler_deg(attitude), gsd_m, land))
     return write_tables(folder, cases, truths)
 
 
@@ -76,23 +72,8 @@ def coarser(scene: Scene, times: int) -> Scene:
     return Scene(mean(scene.pixels), mean(scene.dsm_amsl_m), scene.T_map_pix @ from_coarse, scene.crs)
 
 
-def _case(name: str, drawn: Sequence[Path], request: LocaliseRequest) -> dict[str, Any]:
-    prior = request.prior
-    roll, pitch, yaw = (math.degrees(a) for a in euler_from_quat(prior.q_ned_frd))
+def _sigmas(prior: PosePrior) -> dict[str, float]:
     return {
-        **{"id": name, "frame": f"frames/{name}.png", "ortho": str(drawn[0].resolve()), "dsm": str(drawn[1].resolve())},
-        **{"fx_px": MODEL.fx_px, "fy_px": MODEL.fy_px, "cx_px": MODEL.cx_px, "cy_px": MODEL.cy_px, "distortion": ""},
-        **{"prior_lat_deg": prior.place.lat_deg, "prior_lon_deg": prior.place.lon_deg, "prior_h_m": prior.place.h_amsl_m},
-        **{"prior_roll_deg": roll, "prior_pitch_deg": pitch, "prior_yaw_deg": yaw % 360},
         **{"sigma_horizontal_m": math.sqrt(prior.cov_ne_m2[0][0]), "sigma_h_m": prior.sigma_h_m},
         **{"sigma_yaw_deg": math.degrees(prior.sigma_yaw_rad), "sigma_tilt_deg": math.degrees(prior.sigma_tilt_rad)},
-    }
-
-
-def _truth(name: str, land: str, place: GeoPoint, attitude: Quat, gsd_m: float) -> dict[str, Any]:
-    roll, pitch, yaw = (math.degrees(a) for a in euler_from_quat(attitude))
-    return {
-        **{"id": name, "lat_deg": place.lat_deg, "lon_deg": place.lon_deg, "h_m": place.h_amsl_m},
-        **{"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw, "gsd_m": gsd_m},
-        **{"map_date": "map", "frame_date": land, "solvable": 1},
     }

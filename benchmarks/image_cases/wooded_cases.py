@@ -6,17 +6,17 @@ to a metre or three, whatever the map's pixel.
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from benchmarks.image_cases.cases import write_tables
+from benchmarks.image_cases.cases import case_row, euler_deg, truth_row, write_tables
 from benchmarks.landscape import MODEL
 from benchmarks.leaning import DATES, GSD_M, SIZE_M, View, views
-from visloc_companion.geo.se3 import euler_from_quat, quat_from_vector, quat_multiply
+from visloc_companion.geo.se3 import quat_from_vector, quat_multiply
 from visloc_companion.geo.wgs84 import geo_from_ned
 from visloc_companion.sim.land.landscape_grid import Grid
 from visloc_companion.sim.land.landscape_plan import make_plan
@@ -39,7 +39,7 @@ def write_wooded(folder: Path, seeds: tuple[int, ...], per_date: int) -> Path:
     truths: list[dict[str, Any]] = []
     for seed in seeds:
         known = build_landscape(seed, "map", SIZE_M, GSD_M)
-        ortho, dsm = known.save(folder / f"world{seed}")
+        drawn = known.save(folder / f"world{seed}")
         ground_m = terrain(seed, Grid(round(SIZE_M / GSD_M), GSD_M), make_plan(seed, SIZE_M))
         stands_m = np.asarray(known.dsm_amsl_m - ground_m, dtype=np.float32)
         for date, season in enumerate(DATES):
@@ -49,30 +49,14 @@ def write_wooded(folder: Path, seeds: tuple[int, ...], per_date: int) -> Path:
                 name = f"wood{seed}_{date}_{number:03d}"
                 pixels = camera.frame(view[0], view[1], 1000 * seed + 100 * date + number)
                 cv2.imwrite(str(folder / "frames" / f"{name}.png"), pixels[..., ::-1])
-                cases.append(_case(name, ortho, dsm, rng, view))
-                truths.append(_truth(name, date, view))
+                cases.append(_case(name, drawn, rng, view))
+                truths.append(truth_row(name, view[0], euler_deg(view[1]), 1.0, f"date {date}"))
     return write_tables(folder, cases, truths)
 
 
-def _case(name: str, ortho: Path, dsm: Path, rng: np.random.Generator, view: View) -> dict[str, Any]:
+def _case(name: str, drawn: Sequence[Path], rng: np.random.Generator, view: View) -> dict[str, Any]:
     north, east, down = (rng.normal(0, 1, 3) * (PLACE_M, PLACE_M, HEIGHT_M)).tolist()
     turned = quat_from_vector(tuple(np.radians(rng.normal(0, 1, 3) * (TILT_DEG, TILT_DEG, YAW_DEG)).tolist()))
     place = geo_from_ned((north, east, down), view[0])
-    roll, pitch, yaw = (math.degrees(a) for a in euler_from_quat(quat_multiply(turned, view[1])))
-    return {
-        **{"id": name, "frame": f"frames/{name}.png", "ortho": str(ortho.resolve()), "dsm": str(dsm.resolve())},
-        **{"fx_px": MODEL.fx_px, "fy_px": MODEL.fy_px, "cx_px": MODEL.cx_px, "cy_px": MODEL.cy_px},
-        "distortion": " ".join(str(c) for c in MODEL.distortion),
-        **{"prior_lat_deg": place.lat_deg, "prior_lon_deg": place.lon_deg, "prior_h_m": place.h_amsl_m},
-        **{"prior_roll_deg": roll, "prior_pitch_deg": pitch, "prior_yaw_deg": yaw % 360},
-        **{"sigma_horizontal_m": PLACE_M, "sigma_h_m": HEIGHT_M, "sigma_yaw_deg": YAW_DEG, "sigma_tilt_deg": TILT_DEG},
-    }
-
-
-def _truth(name: str, date: int, view: View) -> dict[str, Any]:
-    place, (roll, pitch, yaw) = view[0], (math.degrees(a) for a in euler_from_quat(view[1]))
-    return {
-        **{"id": name, "lat_deg": place.lat_deg, "lon_deg": place.lon_deg, "h_m": place.h_amsl_m},
-        **{"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw, "gsd_m": 1.0},
-        **{"map_date": "map", "frame_date": f"date {date}", "solvable": 1},
-    }
+    sigmas = {"sigma_horizontal_m": PLACE_M, "sigma_h_m": HEIGHT_M, "sigma_yaw_deg": YAW_DEG, "sigma_tilt_deg": TILT_DEG}
+    return case_row(name, drawn, MODEL, place, euler_deg(quat_multiply(turned, view[1])), sigmas)

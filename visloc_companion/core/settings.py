@@ -84,10 +84,10 @@ class CoreSettings:
     `q_frd_cambody` is the attitude of the camera's body (looks along its down axis, top edge of the image forward) in the
     vehicle's body, with a `gimbal` in that of core/camera/gimbal.py; `lever_frd_m` its position in the vehicle's body, metres
     from the IMU; `mount_sigma_rad` the 1-sigma tilt of mounting and attitude together, `readout_s` the time from the first row of
-    an image to the last, `has_camera` whether one is configured. `max_rate_hz` bounds the requests to the localiser,
-    `max_search_radius_m` the 3-sigma radius of their search, `max_probability_wrong` what a fix may claim. For `structure`,
-    `structure_every` see core/turns.py, for `terrain` core/terrain/terrain_aiding.py, for `rangefinder` core/terrain/ranges.py.
-    The link rates go into RequestMessage.
+    an image to the last, `has_camera` whether one is configured.
+    `max_rate_hz` bounds the requests to the localiser, `max_search_radius_m` the 3-sigma radius of their search,
+    `max_probability_wrong` what a fix may claim. For `structure`, `structure_every` see core/turns.py, for `terrain`
+    core/terrain/terrain_aiding.py, for `rangefinder` core/terrain/ranges.py. The link rates go into RequestMessage.
     """
 
     navigator: NavigatorSettings = NavigatorSettings()
