@@ -6,6 +6,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from functools import partial
 from multiprocessing import get_context
 from multiprocessing.synchronize import Event
@@ -14,6 +15,7 @@ from typing import TypeVar
 import cv2
 
 from visloc_companion.app.with_parent import end_with_parent
+from visloc_companion.evaluate.ended_in_order import aside
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -40,14 +42,16 @@ def run_all(
         return
     done, context = 0, get_context("spawn")
     broken_off = context.Event()
-    try:
+
+    def by_others() -> Iterator[Result]:
         with ProcessPoolExecutor(jobs, mp_context=context, initializer=_began, initargs=(broken_off,)) as pool:
-            try:
-                for result in pool.map(partial(_unless_broken_off, there), items, chunksize=at_once):
-                    done += 1
-                    yield result
-            finally:
-                broken_off.set()
+            yield from pool.map(partial(_unless_broken_off, there), items, chunksize=at_once)
+
+    try:
+        with closing(aside(by_others, broken_off.set)) as results:
+            for result in results:
+                done += 1
+                yield result
     except BrokenProcessPool:
         yield from run_all(items[done:], here, there, 1)
 

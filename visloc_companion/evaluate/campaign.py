@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -18,6 +19,7 @@ from visloc_companion.app.with_parent import end_with_parent
 from visloc_companion.config import DEFAULT_METHOD
 from visloc_companion.errors import ConfigError, WorkerError, did_you_mean
 from visloc_companion.evaluate.closed_loop import FlightWorld, FlownScenario, fly
+from visloc_companion.evaluate.ended_in_order import aside
 from visloc_companion.evaluate.keys_once import loads_keys_once
 from visloc_companion.evaluate.sim_journal import JournalChoice
 from visloc_companion.localise.registry import METHODS
@@ -37,6 +39,8 @@ DIALECTS = ("ardupilot", "px4")
 VEHICLES: tuple[VehicleKind, ...] = get_args(VehicleKind)
 OF_A_FLIGHT = ("scenario", "dialect", "vehicle", "seed", "method", "with_daemon", "structure", "gimbal")
 """What a flight of a campaign's file may say."""
+LOOK_EVERY_S = 0.2
+"""How often a campaign looks whether it was told to end."""
 _SAID_ELSEWHERE = {
     "autopilot": "flights of a file have the built-in one, and 'dialect' says whose behaviour it has",
     "map": "--map is that of all flights",
@@ -208,16 +212,21 @@ def fly_campaign(specs: Sequence[FlightSpec], jobs: int) -> Generator[FlownSpec,
     What a flight raises ends the campaign, and so does closing the generator: flights under way end with it, as they do where
     this process is killed. Raises WorkerError where the process of a flight is killed.
     """
+    told_to_end = threading.Event()
+    return aside(lambda: _flown(specs, max(1, jobs), told_to_end), told_to_end.set)
+
+
+def _flown(specs: Sequence[FlightSpec], jobs: int, told_to_end: threading.Event) -> Iterator[FlownSpec]:
     others = active_children()
-    pool = ProcessPoolExecutor(max(1, jobs), mp_context=get_context("spawn"), initializer=end_with_parent)
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=end_with_parent)
     waiting, flying = enumerate(specs), set[Future[FlownSpec]]()
     try:
-        while True:
+        while not told_to_end.is_set():
             # no more than fly: a process that is interrupted would begin with what the pool has queued
-            flying |= {pool.submit(_fly_one, number, spec) for number, spec in islice(waiting, max(1, jobs) - len(flying))}
+            flying |= {pool.submit(_fly_one, number, spec) for number, spec in islice(waiting, jobs - len(flying))}
             if not flying:
                 return
-            ended, flying = wait(flying, return_when=FIRST_COMPLETED)
+            ended, flying = wait(flying, LOOK_EVERY_S, return_when=FIRST_COMPLETED)
             for flight in sorted(ended, key=lambda one: one.exception() is not None):
                 yield flight.result()
     except BrokenProcessPool as why:

@@ -6,7 +6,9 @@ import signal
 import threading
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from queue import SimpleQueue
+from typing import Any, Generic, TypeVar
 
 Result = TypeVar("Result")
 
@@ -32,6 +34,41 @@ def done_until_broken_off(results: Iterator[Result], into: list[Result], on_each
             raise
         return why
     return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Done(Generic[Result]):
+    result: Result
+
+
+def aside(work: Callable[[], Iterator[Result]], stop: Callable[[], None]) -> Generator[Result, None, None]:
+    """What `work` yields, done in a thread of its own, where no signal raises; what it raises is raised here.
+
+    A signal that raises amid the locks of a pool (concurrent.futures) leaves them locked, and the pool waits for them for ever.
+    So whoever may hear one only waits. Told to end, or closed: `stop`, after which `work` has to end soon, and is waited for.
+    """
+    news = SimpleQueue[_Done[Result] | BaseException | None]()  # whose get() may be broken off
+
+    def do() -> None:
+        try:
+            for result in work():
+                news.put(_Done(result))
+        except BaseException as why:
+            news.put(why)
+        else:
+            news.put(None)
+
+    thread = threading.Thread(target=do, name="aside")
+    try:
+        thread.start()
+        while (one := news.get()) is not None:
+            if isinstance(one, BaseException):
+                raise one
+            yield one.result
+    finally:
+        stop()
+        if thread.is_alive():
+            thread.join()
 
 
 @contextmanager

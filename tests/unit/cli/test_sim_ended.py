@@ -37,6 +37,24 @@ if __name__ == "__main__":
     main()
 """
 
+TORN = """
+from concurrent.futures import _base
+
+class Torn(_base._AcquireFutures):
+    def __exit__(self, *_):
+        *others, last = self.futures
+        for future in others:
+            future._condition.release()
+        if not os.path.exists("torn"):
+            open("torn", "w").close()
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(0.01)
+        last._condition.release()
+
+if __name__ == "__main__":
+    _base._AcquireFutures = Torn
+"""
+
 
 @contextmanager
 def second_of_three_flights(folder: Path) -> Iterator[tuple[subprocess.Popen[str], int]]:
@@ -71,6 +89,21 @@ def test_whoever_ends_a_campaign_ends_its_flights(tmp_path: Path, number: signal
         assert not is_alive(worker)
     outcome = written(tmp_path)
     assert (outcome["complete"], outcome["asked"], outcome["totals"]["flights"]) == (False, 3, 1)
+
+
+def test_a_campaign_that_is_ended_amid_the_locks_of_its_pool_ends(tmp_path: Path) -> None:
+    """The signal raised there, a lock was held for ever, and the process waited for its pool for ever."""
+    (tmp_path / "campaign.py").write_text(
+        CAMPAIGN.replace("campaign._fly_one = fly_one\n", "campaign._fly_one = fly_one\n" + TORN), encoding="utf-8"
+    )
+    (tmp_path / "three.json").write_text(json.dumps([{"scenario": "jam"}] * 3), encoding="utf-8")
+    command = [sys.executable, "campaign.py", "sim", "--campaign", "three.json", "--map", "none", "--jobs", "2"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as parent:
+        try:
+            assert parent.wait(30) == 128 + signal.SIGTERM
+        finally:
+            parent.kill()  # its flights end with it
+    assert (tmp_path / "torn").exists()
 
 
 def test_a_flight_that_is_killed_is_told_in_one_line(tmp_path: Path) -> None:
