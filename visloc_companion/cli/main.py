@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import sys
+from collections.abc import Sequence
+from itertools import pairwise
 
 import typer
 
@@ -22,7 +24,7 @@ from visloc_companion.cli.sim import sim
 from visloc_companion.cli.streams import open_streams, standard_output
 from visloc_companion.cli.train import train_app
 from visloc_companion.cli.web import web
-from visloc_companion.errors import CameraError, VislocError
+from visloc_companion.errors import CameraError, ConfigError, VislocError
 
 app = typer.Typer(
     name="visloc",
@@ -61,11 +63,25 @@ _OF_THE_PATH = (errno.EACCES, errno.EPERM, errno.ENAMETOOLONG, errno.ELOOP)
 """A file that this user may not look at, or that cannot be: nothing of the program."""
 
 
+def require_nothing_empty(arguments: Sequence[str]) -> None:
+    """Raises ConfigError where an argument is empty: of `--report "$UNSET"` and `--gate "$UNSET"` none says what was meant.
+
+    An empty path is the current folder, and an empty gate one that nothing can fail.
+    """
+    for before, argument in pairwise(["visloc", *arguments]):
+        option = argument.startswith("--") and argument.endswith("=")
+        if option or not argument:
+            name = argument[:-1] if option else f"what follows {before}"
+            remedy = "give it a value (is a variable not set?), or leave it out"
+            raise ConfigError("is empty", where=name, remedy=remedy)
+
+
 def main() -> None:
     """Run the command line; errors of this package, and of paths, become one clear line and an exit code."""
     open_streams()
     with standard_output():
         try:
+            require_nothing_empty(sys.argv[1:])
             app()
         except VislocError as error:
             kind = "camera error" if isinstance(error, CameraError) else "error"

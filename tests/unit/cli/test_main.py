@@ -101,3 +101,32 @@ def test_other_exceptions_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(module, "app", fail)
     with pytest.raises(ZeroDivisionError):
         module.main()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["evaluate", "image", "cases", "--report", ""], "what follows --report"),
+        (["replay", "flight.tlog", "--gate="], "--gate"),
+        (["map", "info", ""], "what follows info"),
+        ([""], "what follows visloc"),
+    ],
+)
+def test_what_is_empty_is_not_taken_for_this_folder(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str], named: str
+) -> None:
+    """`--report "$UNSET"` wrote a page where the shell happened to be, and `--gate "$UNSET"` failed nothing."""
+    monkeypatch.setattr(sys, "argv", ["visloc", *arguments])
+    monkeypatch.setattr(module, "app", lambda: pytest.fail("a command began"))
+    with pytest.raises(SystemExit) as end:
+        module.main()
+    assert end.value.code == 2
+    assert capsys.readouterr().err.startswith(f"error: {named}: is empty; remedy: give it a value")
+
+
+def test_ctrl_c_while_it_is_loaded_leaves_no_traceback(tmp_path: Path) -> None:
+    (tmp_path / "typer.py").write_text("raise KeyboardInterrupt")
+    code = "from visloc_companion.cli.start import main; main()"
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+    done = subprocess.run([sys.executable, "-c", code], check=False, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
