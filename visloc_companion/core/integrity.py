@@ -2,15 +2,14 @@
 
 A level is the smallest radius r for which the probability that the error exceeds it is at most `integrity_risk`:
 
-    sum over k of  p_k Q((r - d_k) / s_k)  =  risk,     Q(a) = 1 for a <= 0
+    sum over k of  p_k Q_k(r)  =  risk,     Q_k: the probability that the error is larger than r in the case k
 
 k = 0 is the filter itself (p_0 = 1), the others are the solutions that leave fixes out (separation.py) and the places where the
 vehicle is if fixes are wrong by the same offset (alike.py), with their probability; d_k is how far such a place is from what is
 stated, s_k its 1-sigma, which includes what no solution can do without (the map).
 
-That is a bound: a place that is d_k away reaches r in one direction only, and an ellipse along its longer axis only. Of the
-filter's own error all is known, so of that the probability itself is taken (`round_about`). How probable the others are is
-assumed in part; what their bound leaves over is needed (docs/decisions/0097-the-filters-own-error-is-an-ellipse.md).
+In the plane the filter's own error is the ellipse that it is (`round_about`), that of each other place a circle of its larger
+1-sigma about it (`beside`): a place reaches r in one direction only. Of a height's a bound is taken, Q((r - d_k) / s_k).
 """
 
 from __future__ import annotations
@@ -19,9 +18,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from scipy.special import erfc, i0e, ndtri  # type: ignore[import-untyped]
 
 from visloc_companion.core.filter.alike import Alike
-from visloc_companion.core.filter.lasting import SHARE
+from visloc_companion.core.filter.propagation import H_POSITION
 from visloc_companion.core.filter.separation import Solutions
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray
@@ -38,6 +38,15 @@ CERTAIN = np.array([0.5, *[1.0] * (DIRECTIONS - 2), 0.5]) / (DIRECTIONS - 1)
 TURNED = np.cos(np.linspace(0.0, math.pi, DIRECTIONS))
 LEAST_SHARE = 1e-9
 """Of the larger variance: a line's other one is none, or a rounding below."""
+LARGE = 0.4
+"""What lies beyond a radius by more is taken to do so for certain."""
+BETWEEN = np.linspace(0.0, 1.2, 9)
+"""Where between what is too small and what is enough a radius is looked for at first, and one beyond."""
+ABOUT = np.array([1.0, 0.97, 0.85, 0.5, 0.0])
+"""Where between the radius so found and what is enough it is looked for then: it may be a little too small."""
+LEAST_LEFT = 1e-30
+NOTHING = 3e-4
+"""What adds no more than this share of the risk by its bound is taken to add that."""
 ROUNDING = 1e-6
 """So that the largest radius tried is certainly enough."""
 
@@ -82,6 +91,59 @@ def bound_m(
     return high
 
 
+def beside(apart: FloatArray, a: FloatArray) -> FloatArray:
+    """P(|error| > a sigma) of a Gaussian error in the plane of one sigma in all directions, about a place that is `apart` (K,)
+    sigmas off, for a (N, K): from above, by next to nothing where it is small (Corazza & Ferrari, "New bounds for the Marcum
+    Q-function", 2002), and 1 where it is more than LARGE: what is less only grows with the sigma of any direction."""
+    past = a - apart
+    tail = erfc(past / math.sqrt(2))
+    tail *= math.sqrt(math.pi / 2) * apart
+    tail += rayleigh(past)
+    tail *= i0e(apart * a)
+    np.copyto(tail, 1.0, where=(past <= 0) | (tail > LARGE))
+    return np.asarray(tail)
+
+
+def in_plane_m(own_m2: FloatArray, apart_m: FloatArray, sigma_m: FloatArray, probability: FloatArray, risk: float) -> float:
+    """The radius of the module's equation in the plane, for the filter's own error (variances of `round_about`) and places of d,
+    s, p (K,), up to 1 % too large where a place is less than a sigma off.
+
+    What leaves any of them more than the risk in the half-plane beyond it is too small; what leaves each no more than its share
+    by the bound of all directions is enough.
+    """
+    own_m, each = math.sqrt(own_m2[0]), risk / (1 + len(probability))
+    likely = probability > each
+    d, s, p = apart_m[likely], sigma_m[likely], probability[likely]
+    high_m = np.maximum.reduce(d + s * np.sqrt(2 * np.log(p / each)), initial=own_m * math.sqrt(-2 * math.log(each)))
+    too_small = (d - s * ndtri(np.minimum(risk / p, LARGE)))[p > risk]
+    low_m = np.maximum.reduce(too_small, initial=-own_m * float(ndtri(risk / 2)))
+    counts = probability * rayleigh(np.maximum((low_m - apart_m) / sigma_m, 0.0)) > NOTHING * risk
+    s, p = sigma_m[counts], probability[counts]
+    apart, owns_m = apart_m[counts] / s, np.sqrt(own_m2)
+    allowed = (1 - NOTHING * (len(counts) - len(p))) * risk
+
+    def left(radii_m: FloatArray) -> FloatArray:
+        radii_m = radii_m[:, None]
+        return np.asarray((rayleigh(radii_m / owns_m) @ CERTAIN + beside(apart, radii_m / s) @ p) / allowed)
+
+    radii_m = low_m + (high_m - low_m) * BETWEEN
+    shares = left(radii_m)
+    enough = int((shares <= 1.0).argmax())
+    if not 0 < enough < len(BETWEEN) - 1:
+        return float(low_m if shares[0] <= 1.0 else radii_m[-1])
+    about_m = radii_m[enough] - (radii_m[1] - radii_m[0]) * (1 - _crossing(shares[enough - 1 : enough + 2])) * ABOUT
+    return float(about_m[(left(about_m) <= 1.0).argmax()])
+
+
+def _crossing(left: FloatArray) -> float:
+    """Where between the first two of three evenly spaced radii what is left, over what is allowed (3,), is 1: its logarithm, as
+    that of a Gaussian tail, is taken to go on as the parabola through the three."""
+    more, less, least = np.log(np.maximum(left, LEAST_LEFT)).tolist()
+    curved = (more - 2 * less + least) / 2
+    falls = more - less + curved
+    return float(2 * more / (falls + math.sqrt(falls * falls - 4 * curved * more)))
+
+
 def round_about(middle_m2: float, reach_m2: float) -> FloatArray:
     """Variances (DIRECTIONS,) of circles, CERTAIN of them, that together reach as far as one ellipse, whose principal variances
     are the middle plus and less the reach.
@@ -95,19 +157,18 @@ def round_about(middle_m2: float, reach_m2: float) -> FloatArray:
 
 def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, alike: Alike, settings: NavigatorSettings) -> float:
     """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east."""
-    n, K = 1 + len(without), 1 + len(without) + len(alike)
-    own_m2, covs_m2, off_m = P[:2, :2].reshape(4, 1), np.empty((4, K)), np.zeros((K + DIRECTIONS - 1, 2))
-    covs_m2[:, :1], covs_m2[:, 1:n] = own_m2, without.position_m2
-    covs_m2[:, n:] = (1 - SHARE) * own_m2 + alike.cov_m2.reshape(-1, 4).T
-    off_m[DIRECTIONS : DIRECTIONS + n - 1], off_m[DIRECTIONS + n - 1 :] = without.x[:, :2] - x[:2], alike.off_m
-    probability = np.concatenate([CERTAIN, without.probability, alike.probability])
-    nn, ne, _, ee = covs_m2
-    middle_m2, reach_m2 = (nn + ee) / 2, np.hypot((nn - ee) / 2, ne)
-    own = round_about(float(middle_m2[0]), float(reach_m2[0]))
-    largest_m2 = np.concatenate([own, (middle_m2 + reach_m2)[1:]])
-    largest_m2 += settings.map_sigma_m**2
-    apart_m, sigma_m = np.hypot(off_m[:, 0], off_m[:, 1]), np.sqrt(largest_m2)
-    return bound_m(apart_m, sigma_m, probability, settings.integrity_risk, rayleigh)
+    K, n = len(without) + len(alike), len(without)
+    covs_m2, off_m = np.empty((4, K)), np.empty((K, 2))
+    same_m, spread_m2 = alike.off_m(H_POSITION)
+    covs_m2[:, :n], covs_m2[:, n:] = without.position_m2, P[:2, :2].reshape(4, 1) + spread_m2.reshape(-1, 4).T
+    off_m[:n], off_m[n:] = without.x[:, :2] - x[:2], same_m
+    (nn, ne), (_, ee) = P[:2, :2].tolist()
+    map_m2 = settings.map_sigma_m**2
+    own_m2 = round_about((nn + ee) / 2, math.hypot((nn - ee) / 2, ne)) + map_m2
+    nns, nes, _, ees = covs_m2
+    sigma_m = np.sqrt((nns + ees) / 2 + np.hypot((nns - ees) / 2, nes) + map_m2)
+    probability = np.concatenate([without.probability, alike.probability])
+    return in_plane_m(own_m2, np.hypot(off_m[:, 0], off_m[:, 1]), sigma_m, probability, settings.integrity_risk)
 
 
 def vertical_protection_level_m(

@@ -81,6 +81,14 @@ def update(
     return Rejected(Reason.NOT_FINITE, nis)
 
 
+def gain(P: FloatArray, R: FloatArray, H: FloatArray, n_considered: int = 0) -> FloatArray:
+    """(n, m) what `update` multiplies the innovation of such a measurement by."""
+    HP = H.dot(P)
+    K: FloatArray = _inverse(HP.dot(H.T) + R).dot(HP).T
+    K[len(P) - n_considered :] = 0.0
+    return K
+
+
 def _normalised(innovation: FloatArray, S: FloatArray, extra: float) -> float:
     """innovation' (S + extra I)^-1 innovation; most measurements are pairs."""
     if len(innovation) != 2:

@@ -29,6 +29,7 @@ from visloc_companion.types import Cov2, FloatArray, Vec2
 FIX_WEIGHT = 0.2
 """Weight of the latest fix in means over recent ones."""
 LONGEST_S, LEAST_M2 = 2.0, 1e-4
+NEVER_OFF = alike.none(N_STATES, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +94,7 @@ class Belief(NamedTuple):
     fed_back_over: float = 1.0
     lens_share: float = 0.0
     contradicting: tuple[relocalise.Candidate, ...] = ()
-    alike: alike.Alike = alike.NONE
+    alike: alike.Alike = NEVER_OFF
 
     @property
     def rested_ns(self) -> int:
@@ -155,7 +156,8 @@ def renewed(belief: Belief, which: slice, variance: float) -> Belief:
     """With two states of which nothing is known any more but their variance."""
     x, P = separation.renewed(belief.x, belief.P, which, variance)
     others_x, others_P = separation.renewed(belief.without.x, belief.without.P, which, variance)
-    return belief._replace(x=x, P=P, without=replace(belief.without, x=others_x, then=others_P, way=None))
+    others = replace(belief.without, x=others_x, then=others_P, way=None)
+    return belief._replace(x=x, P=P, without=others, alike=alike.renewed(belief.alike, which))
 
 
 def driven_by(belief: Belief, drive: Drive, variance: float) -> Belief:

@@ -30,7 +30,7 @@ from visloc_companion.core.filter import (
     separation,
     votes,
 )
-from visloc_companion.core.filter.belief import Belief, Position, driven_by, renewed, widened, widened_by
+from visloc_companion.core.filter.belief import NEVER_OFF, Belief, Position, driven_by, renewed, widened, widened_by
 from visloc_companion.core.filter.propagation import (
     ACCELERATION,
     H_POSITION,
@@ -153,7 +153,7 @@ def propagated(
         belief.fed_back_over,
         belief.lens_share,
         belief.contradicting,
-        belief.alike,
+        NEVER_OFF if alone else alike.carried(belief.alike, F),
     )
 
 
@@ -167,7 +167,11 @@ def taken(
         return belief, got
     every = np.ones(len(belief.without), np.bool_)
     without = separation.updated(belief.without, z, R, H, take=every, n_considered=considered)
-    return belief._replace(x=got.x, P=got.P, without=without), Accepted(got.nis)
+    same = belief.alike
+    if len(same):
+        gain, S = kalman.gain(belief.P, R, H, considered), H @ belief.P @ H.T + R
+        same = alike.measured(same, z - H @ belief.x, S, H, gain)
+    return belief._replace(x=got.x, P=got.P, without=without, alike=same), Accepted(got.nis)
 
 
 def _sigma_mps(belief: Belief, settings: NavigatorSettings) -> float:
@@ -245,7 +249,7 @@ def observed(
             anew = kalman.update(before.x, before.P, at, R, H, n_considered=considered)
             got = replace(anew, nis=got.nis) if isinstance(anew, kalman.Updated) else anew
     if isinstance(got, kalman.Updated):
-        without, same = _others(belief, z, R, H, considered), _alike(belief, z, cov, got.x)
+        without, same = _others(belief, z, R, H, considered), _alike(belief, before.P, z, R, H, considered)
         after = _tilted(belief._replace(x=got.x, P=got.P, without=without, alike=same), before, max_step_m)
         after = _suspected(after, belief, z, got.nis / 2, innovation_m2)
         if not z.from_fix:
@@ -313,12 +317,12 @@ def _others(belief: Belief, z: Position, R: FloatArray, H: FloatArray, n_conside
     return refused.founded(belief, z, among) if z.from_fix else among
 
 
-def _alike(belief: Belief, z: Position, cov_m2: FloatArray, after_x: FloatArray) -> alike.Alike:
-    """The offsets that the filter may have from fixes that are wrong alike, after a position that it took."""
-    if z.from_fix:
-        return refused.offset(belief, z, after_x, belief.alike)
-    off_m = np.array(z.p_ne_m) - belief.x[POSITION]
-    return alike.after_other(belief.alike, off_m, belief.P[POSITION, POSITION] + cov_m2)
+def _alike(belief: Belief, P: FloatArray, z: Position, R: FloatArray, H: FloatArray, n_considered: int) -> alike.Alike:
+    """What the filter is off by if fixes are wrong alike, after a position that it took with a covariance P (15, 15)."""
+    innovation_m, S, gain = np.array(z.p_ne_m) - H @ belief.x, H @ P @ H.T + R, kalman.gain(P, R, H, n_considered)
+    again = refused.errs_again(belief, z)
+    taken = alike.Taken(z.t_ns, z.method, z.probability_wrong, again, innovation_m, S, H, gain)
+    return (alike.after_fix if z.from_fix else alike.after_other)(belief.alike, taken)
 
 
 def _agreed(belief: Belief, z: Position) -> Belief:

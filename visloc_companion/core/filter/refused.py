@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from visloc_companion.core.filter import alike, lasting, relocalise, separation, votes
-from visloc_companion.core.filter.belief import Belief, Position, widened
+from visloc_companion.core.filter.belief import NEVER_OFF, Belief, Position, widened
 from visloc_companion.core.filter.propagation import (
     FIX_LENS,
+    H_POSITION,
     LASTING,
     N_STATES,
     ODOMETRY_LENS,
@@ -73,13 +74,9 @@ def founded(belief: Belief, z: Position, among: separation.Solutions) -> separat
     return separation.without_fix(among, z.method, z.probability_wrong, (belief.x, belief.P, belief.rested_ns), recent)
 
 
-def offset(belief: Belief, z: Position, after_x: FloatArray, among: alike.Alike) -> alike.Alike:
-    """The offsets that the filter may have from fixes that are wrong alike, after a fix that moved it to `after_x` (15,)."""
-    again = votes.errs_again(belief.votes, z.method, z.looks_at_ne_m(belief.x[POSITION]), z.spacing_m)
-    off_m, moved_m = np.array(z.p_ne_m) - belief.x[POSITION], (after_x - belief.x)[POSITION]
-    P = belief.P[POSITION, POSITION]
-    fix = alike.Taken(z.t_ns, z.method, z.probability_wrong, again, off_m, P + np.array(z.cov_ne_m2), moved_m, P)
-    return alike.after_fix(among, fix)
+def errs_again(belief: Belief, z: Position) -> float:
+    """The probability that a fix errs with the last one of its method."""
+    return votes.errs_again(belief.votes, z.method, z.looks_at_ne_m(belief.x[POSITION]), z.spacing_m)
 
 
 def remembering(belief: Belief, z: Position) -> Belief:
@@ -127,6 +124,8 @@ def restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: 
     P[POSITION, LASTING] = P[LASTING, POSITION] = -lasting.root_m(cov)
     P[POSITION, FIX_LENS] = P[FIX_LENS, POSITION] = -P[FIX_LENS, FIX_LENS] * by_lens_m
     without = founded(belief, z, belief.without)
+    off_m, S = np.array(z.p_ne_m) - belief.x[POSITION], belief.P[POSITION, POSITION] + cov
+    alone = alike.Taken(z.t_ns, z.method, z.probability_wrong, 1.0, off_m, S, H_POSITION, H_POSITION.T)
     north, east = (x - belief.x)[POSITION].tolist()
     return belief._replace(
         x=x,
@@ -134,5 +133,5 @@ def restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: 
         started_ns=z.t_ns,
         votes=votes.moved(belief.votes, (north, east)),
         without=without,
-        alike=offset(belief, z, x, alike.NONE),
+        alike=alike.after_fix(NEVER_OFF, alone),
     )

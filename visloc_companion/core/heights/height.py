@@ -25,7 +25,7 @@ import numpy as np
 
 from visloc_companion.core import integrity, kalman
 from visloc_companion.core.filter import separation, votes
-from visloc_companion.core.filter.alike import Alike, Taken, after_fix
+from visloc_companion.core.filter.alike import Alike, Taken, after_fix, none
 from visloc_companion.core.filter.lasting import BY_SHAPE
 from visloc_companion.core.filter.separation import Solutions
 from visloc_companion.core.settings import NavigatorSettings
@@ -47,7 +47,7 @@ OVER_CLAIM = 1.5
 """What image fixes tell of the height errs by this share of the variance that they claim, nearly all of it in common."""
 LEAST_ADDED = 0.01
 """A fix of ground that told as much before still adds this share of its information: a barometer may have drifted since."""
-NEVER_OFF = Alike(np.zeros((0, 1)), np.zeros((0, 1, 1)), np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64))
+NEVER_OFF = none(2, 1)
 NOTHING = Solutions(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0, np.int64))
 
 
@@ -126,7 +126,7 @@ def observed(belief: HeightBelief, z: HeightFix, settings: NavigatorSettings) ->
     voted = votes.voted(belief.votes, z.method, z.t_ns, z.at_ne_m, z.spacing_m)
     others = tuple(each for each in belief.contradicting if each.method != z.method)
     without = separation.apart(_others(belief, z, offset, R, H), got.x, got.P, H)
-    alike = _alike(belief, z, H, (got.x - belief.x) @ H.T)
+    alike = _alike(belief, z, offset, R, H)
     return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, voted, without, told=told, contradicting=others, alike=alike)
 
 
@@ -165,11 +165,11 @@ def _others(belief: HeightBelief, z: HeightFix, offset: FloatArray, R: FloatArra
     return separation.without_fix(among, z.method, z.probability_wrong, (belief.x, belief.P, belief.rested_ns), recent)
 
 
-def _alike(belief: HeightBelief, z: HeightFix, H: FloatArray, moved_m: FloatArray) -> Alike:
-    """The offsets that the correction may have from fixes that are wrong alike, after one that moved it by (1,)."""
+def _alike(belief: HeightBelief, z: HeightFix, offset: FloatArray, R: FloatArray, H: FloatArray) -> Alike:
+    """What the correction is off by if fixes are wrong alike, after one, `offset` (1,) and R (1, 1), of H x, H (1, 2)."""
     again = votes.errs_again(belief.votes, z.method, z.at_ne_m, z.spacing_m)
-    off_m, P = z.offset_m - H @ belief.x, H @ belief.P @ H.T
-    return after_fix(belief.alike, Taken(z.t_ns, z.method, z.probability_wrong, again, off_m, P + z.var_m2, moved_m, P))
+    innovation_m, S, gain = offset - H @ belief.x, H @ belief.P @ H.T + R, kalman.gain(belief.P, R, H)
+    return after_fix(belief.alike, Taken(z.t_ns, z.method, z.probability_wrong, again, innovation_m, S, H, gain))
 
 
 def _widened(belief: HeightBelief, more_m2: float, t_ns: int | None = None) -> HeightBelief:
@@ -261,8 +261,9 @@ class HeightFilter:
         refused = [] if belief.refused is None else [belief.refused]
         known += [(each.offset_m, each.var_m2, JUMPED) for each in (*refused, *_repeated(belief, t_ns))]
         offset_m, var_m2, probability = np.array(known).T
-        offset_m = np.concatenate([offset_m, without.x @ H, ours_m - alike.off_m[:, 0]])
-        var_m2 = np.concatenate([var_m2, (without.P @ H) @ H, ours_m2 + alike.cov_m2[:, 0, 0]])
+        off_m, spread_m2 = alike.off_m(H[None])
+        offset_m = np.concatenate([offset_m, without.x @ H, ours_m - off_m[:, 0]])
+        var_m2 = np.concatenate([var_m2, (without.P @ H) @ H, ours_m2 + spread_m2[:, 0, 0]])
         probability = np.concatenate([probability, without.probability, alike.probability])
         return integrity.vertical_protection_level_m(offset_m, var_m2, probability, height_above_home_m, self._settings)
 
