@@ -1,32 +1,33 @@
 """The default: exhaustive search of height maps over the prior's region, bounded refinement, judged by what it sees.
 
 The search compares what stands out of the upper surface (high-passed at 8 m): unlike heights, that knows no tilt, no bowl and
-no growth of a whole forest. The few best places are refined, and the one whose relief agrees best is taken.
+no growth of a whole forest. The few best places are refined, and the one that all looks at the ground favour is taken; where it
+hardly leads by them, what stands out at 2 m is searched too.
 """
 
 from __future__ import annotations
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
+from visloc_companion.localise.registration.choice import REFINED, Choice
 from visloc_companion.localise.registration.pair import make_pair
 from visloc_companion.localise.registration.search import find_places, work
-from visloc_companion.localise.registration.settle import Settler, too_little_overlap
+from visloc_companion.localise.registration.settle import Settled, Settler, has_slid, too_little_overlap
 from visloc_companion.localise.registration.upright import polished
 from visloc_companion.types import FloatArray
 
-REFINED = 4
-"""Places that are refined."""
-SLIDE_M, SLIDE_CELLS = 6.0, 3.0
-"""A refinement that goes farther from its start than this has slid away."""
 MOST_WORK = 2e9
 """About two minutes of a core. 66 m x 66 m within ±500 m and ±25° of the prior are an eighth of it."""
 
 
 class HeightSearchRegistration:
-    """As base.RegistrationMethod. A search of more than `most_work` (search.work) is declined."""
+    """As base.RegistrationMethod. A search of more than `most_work` (search.work) is declined.
 
-    def __init__(self, max_probability_wrong: float, most_work: float = MOST_WORK) -> None:
-        self.max_probability_wrong, self.most_work = max_probability_wrong, most_work
+    `by_score`: the candidate of the highest score is taken, and nothing is searched twice, for claims that rest on it alone.
+    """
+
+    def __init__(self, max_probability_wrong: float, most_work: float = MOST_WORK, *, by_score: bool = False) -> None:
+        self.max_probability_wrong, self.most_work, self.by_score = max_probability_wrong, most_work, by_score
 
     def __call__(self, source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Registered | NotRegistered:
         """Search, refine, judge."""
@@ -38,16 +39,26 @@ class HeightSearchRegistration:
             return NotRegistered(Reason.SEARCH_TOO_WIDE, f"{cost:.1e} cells times hypotheses, of {self.most_work:.1e} at most")
         places, scores = find_places(pair, prior, REFINED)
         settler = Settler(pair, prior)
-        settled = [s for place in places if (s := settler.settle(place.T)) is not None]
+        settled = settler.settled(place.T for place in places)
         if not settled:
             return too_little_overlap()
-        found = max(settled, key=lambda s: s.found.score)
+        choice = None if self.by_score else Choice(pair, prior)
+        if choice is not None and 2 * cost <= self.most_work:
+            settled += settler.settled(choice.doubted(choice.best(settled)))
+        found = _best(settled, choice)
         headings = settler.headings(found)
         settled += settler.turned(found, headings)
-        found = max(settled, key=lambda s: s.found.score)
+        found = _best(settled, choice)
         best, besides = polished(settler, found, prior)
-        if best.slid_m > max(SLIDE_M, SLIDE_CELLS * pair.source.cell_m):
+        if choice is not None and has_slid(best, pair):
+            best, besides = found, []
+        if has_slid(best, pair):
             what = f"the refinement slid {best.slid_m:.1f} m from where the search had found it"
             return NotRegistered(Reason.REFINEMENT_DIVERGED, what)
         rest = [s for s in settled if s is not found] + besides
         return settler.answer(best, rest, scores, headings, self.max_probability_wrong)
+
+
+def _best(settled: list[Settled], choice: Choice | None) -> Settled:
+    """By all looks, or by the score."""
+    return max(settled, key=lambda s: s.found.score) if choice is None else choice.best(settled)

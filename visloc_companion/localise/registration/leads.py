@@ -32,10 +32,12 @@ FINE_M, FINE_CELLS = 2.0, 1.0
 @dataclass(frozen=True, slots=True)
 class Leads:
     """Fisher's z at a place less the highest of another: `parts` its mean over the parts; `joint` the sum of that, of the mean
-    over the parts of the finer relief and of the z of the whole."""
+    over the parts of the finer relief and of the z of the whole. `rival_m`: where (east, north) the other place that is best by
+    all takes the source's middle, none where there is none."""
 
     parts: float
     joint: float
+    rival_m: tuple[float, float] | None = None
 
 
 def leads_of(pair: Pair, T: FloatArray, prior: RegistrationPrior, turned: Sequence[FloatArray] = ()) -> Leads:
@@ -45,36 +47,57 @@ def leads_of(pair: Pair, T: FloatArray, prior: RegistrationPrior, turned: Sequen
     low, high = region(pair, prior)
     if (high < low).any():
         return Leads(0.0, 0.0)
-    fine = _finer(pair)
+    fine = finer(pair)
     here = pair.reference.cells_of(moved(T, pair.centre_m)[:2])
     cells = np.hypot(np.arange(low[0], high[0] + 1) - here[0], np.arange(low[1], high[1] + 1)[:, None] - here[1])
     turn = of_turn(yaw_of(T), scale_of(T), prior)
     beside = [_beside(pair, fine, other, prior, (low, high)) + turn for other in turned]
     apart = cells >= APART_M / pair.reference.cell_m
-    found = []
+    found, rival_m = [], None
     for k, z in enumerate(_looks(pair, fine, T, prior, (low, high))):
         own = float(np.max(z, where=cells <= NEAR_CELLS, initial=NO_SCORE))
-        away = summits(Scores(z, np.zeros(z.shape, np.int32), (0, 0))) & apart
-        found.append(max(own, 0.0) - max([float(np.max(z, where=away, initial=0.0)), *(float(b[k]) for b in beside)]))
-    return Leads(*found)
+        away = np.where(summits(Scores(z, np.zeros(z.shape, np.int32), (0, 0))) & apart, z, np.float32(0))
+        row, col = np.unravel_index(int(np.argmax(away)), z.shape)
+        found.append(max(own, 0.0) - max([float(away[row, col]), *(float(b[k]) for b in beside)]))
+        rival_m = _middle_m(pair, low, int(row), int(col)) if away[row, col] > 0 else None
+    return Leads(found[0], found[1], rival_m)
 
 
-def _finer(pair: Pair) -> Pair:
+def _middle_m(pair: Pair, low: Cells, row: int, col: int) -> tuple[float, float]:
+    """East and north of a cell of a box that begins at `low`."""
+    east, north = pair.reference.corner_m + pair.reference.cell_m * (low + np.array([col, row]) + 0.5)
+    return float(east), float(north)
+
+
+def finer(pair: Pair) -> Pair:
     """The pair with the finer reliefs."""
     sigma_m = max(FINE_M, FINE_CELLS * pair.reference.cell_m)
     source, reference = (high_passed(of, sigma_m) for of in (pair.source, pair.reference))
     return replace(pair, source_relief=source, reference_relief=reference)
 
 
+def parts_z(pair: Pair, fine: Pair, T: FloatArray, prior: RegistrationPrior) -> float:
+    """Mean z of the parts and that of the parts of the finer relief (`fine`), added up: the highest so near the place to which T
+    (4, 4) takes the source as its own value may lie; 0 beyond the region."""
+    low, high = _near(pair, T, region(pair, prior))
+    return 0.0 if (high < low).any() else float((mean_z(pair, T, low, high) + mean_z(fine, T, low, high)).max())
+
+
 def _beside(pair: Pair, fine: Pair, T: FloatArray, prior: RegistrationPrior, within: tuple[Cells, Cells]) -> FloatArray:
     """(2,) The highest value of each look about a place, within the region (its first and last cell), less its handicap."""
-    here = pair.reference.cells_of(moved(T, pair.centre_m)[:2])
-    low = np.maximum(np.ceil(here - NEAR_CELLS).astype(int), within[0])
-    high = np.minimum(np.floor(here + NEAR_CELLS).astype(int), within[1])
+    low, high = _near(pair, T, within)
     if (high < low).any():
         return np.zeros(2)
     looks = _looks(pair, fine, T, prior, (low, high))
     return np.array([float(z.max()) for z in looks]) - of_turn(yaw_of(T), scale_of(T), prior)
+
+
+def _near(pair: Pair, T: FloatArray, within: tuple[Cells, Cells]) -> tuple[Cells, Cells]:
+    """First and last cell about the place of T, within the region (its first and last cell); none where one is before the
+    other."""
+    here = pair.reference.cells_of(moved(T, pair.centre_m)[:2])
+    low = np.maximum(np.ceil(here - NEAR_CELLS).astype(int), within[0])
+    return low, np.minimum(np.floor(here + NEAR_CELLS).astype(int), within[1])
 
 
 def _looks(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,6 +44,8 @@ ASTRAY = 0.1
 """Last steps that lose so much of the score have left the place."""
 MARGIN_M = 12.0
 """The reference is looked at this far beyond the source."""
+SLIDE_M, SLIDE_CELLS = 6.0, 3.0
+"""A refinement that goes farther from its start than this has slid away."""
 TURNED = 1
 """Other headings of a place that are refined."""
 
@@ -75,6 +77,10 @@ class Settler:
         lifted = self._lifted(start, surface)
         return None if lifted is None else self._settled(lifted, surface, relief, STEPS)
 
+    def settled(self, starts: Iterable[FloatArray]) -> list[Settled]:
+        """Those of the starts that can be refined."""
+        return [s for start in starts if (s := self.settle(start)) is not None]
+
     def polished(self, settled: Settled) -> Settled:
         """The same after the last steps; as it was where they go astray."""
         surface, relief = self._near(settled.refined.T)
@@ -96,8 +102,7 @@ class Settler:
 
     def turned(self, settled: Settled, headings: Headings) -> list[Settled]:
         """The best of the other headings at its place, refined; none where the prior leaves none."""
-        found = (self.settle(start) for start in starts(self.pair, settled.refined.T, headings, TURNED))
-        return [s for s in found if s is not None]
+        return self.settled(starts(self.pair, settled.refined.T, headings, TURNED))
 
     def answer(
         self, best: Settled, rest: list[Settled], scores: Scores, headings: Headings, max_probability_wrong: float
@@ -178,6 +183,11 @@ def judged(
     scores = search(pair, [(yaw_of(T), scale_of(T))], prior)
     headings = settler.headings(settled)
     return settler.answer(settled, settler.turned(settled, headings), scores, headings, max_probability_wrong)
+
+
+def has_slid(settled: Settled, pair: Pair) -> bool:
+    """Whether a refinement has left the place that it started at."""
+    return settled.slid_m > max(SLIDE_M, SLIDE_CELLS * pair.source.cell_m)
 
 
 def too_little_overlap() -> NotRegistered:

@@ -82,6 +82,15 @@ def test_looks_together_lead_at_the_right_place_and_at_no_other(scene, pair):
         assert leads_of(pair, shifted(scene.T_true, east_m, north_m), scene.prior).joint < -1.0
 
 
+def test_the_rival_that_leads_by_all_looks_is_named(scene, pair):
+    """From a wrong place it is the right one; from the right one it is another place."""
+    there = moved(scene.T_true, pair.centre_m)[:2]
+    wrong = leads_of(pair, shifted(scene.T_true, 20.0, 0.0), scene.prior)
+    assert np.hypot(*(np.array(wrong.rival_m) - there)) < 1.5
+    right = leads_of(pair, scene.T_true, scene.prior)
+    assert np.hypot(*(np.array(right.rival_m) - there)) >= 5.5
+
+
 def test_a_place_that_agrees_as_well_turned_is_led_by_nothing(scene, pair):
     same = about(pair.centre_m, 0.0, 1.0, np.zeros(3)) @ scene.T_true
     lead = leads_of(pair, scene.T_true, scene.prior, [same])
