@@ -42,8 +42,11 @@ LARGE = 0.4
 """What lies beyond a radius by more is taken to do so for certain."""
 BETWEEN = np.linspace(0.0, 1.2, 9)
 """Where between what is too small and what is enough a radius is looked for at first, and one beyond."""
-ABOUT = np.array([1.0, 0.97, 0.85, 0.5, 0.0])
-"""Where between the radius so found and what is enough it is looked for then: it may be a little too small."""
+ABOUT = np.array([1.03, 1.0, 0.97, 0.85, 0.5, 0.0])
+"""Where between the radius so found and what is enough it is looked for then: it may be a little off."""
+NEAR, CLOSER = (1, 2), 12
+"""Where none of these is the first that is enough, what is left is no parabola there (LARGE), and it is looked for once more, so
+closely."""
 LEAST_LEFT = 1e-30
 NOTHING = 3e-4
 """What adds no more than this share of the risk by its bound is taken to add that."""
@@ -132,7 +135,11 @@ def in_plane_m(own_m2: FloatArray, apart_m: FloatArray, sigma_m: FloatArray, pro
     if not 0 < enough < len(BETWEEN) - 1:
         return float(low_m if shares[0] <= 1.0 else radii_m[-1])
     about_m = radii_m[enough] - (radii_m[1] - radii_m[0]) * (1 - _crossing(shares[enough - 1 : enough + 2])) * ABOUT
-    return float(about_m[(left(about_m) <= 1.0).argmax()])
+    first = int((left(about_m) <= 1.0).argmax())
+    if first in NEAR:
+        return float(about_m[first])
+    closer_m = np.linspace(about_m[first - 1] if first else radii_m[enough - 1], about_m[first], CLOSER)
+    return float(closer_m[(left(closer_m) <= 1.0).argmax()])
 
 
 def _crossing(left: FloatArray) -> float:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from visloc_companion.core import integrity
 from visloc_companion.core.filter.belief import NEVER_OFF
 from visloc_companion.core.filter.separation import EVERY, NONE, Solutions
 from visloc_companion.core.integrity import HEIGHT_SHARE, aged, gaussian, protection_level_m, vertical_protection_level_m
@@ -42,6 +44,11 @@ def beside(apart: float, radius: float) -> float:
     density = np.exp(-((most * nodes) ** 2) / 2) / math.sqrt(2 * math.pi)
     outside = float(most * weights @ (beyond * density)) + math.erfc(most / math.sqrt(2))
     return outside if outside <= 0.4 else 1.0
+
+
+def bound_beside(apart: float, radius: float) -> float:
+    """The same as the level reckons with it."""
+    return float(integrity.beside(np.array([apart]), np.array([[radius]]))[0, 0])
 
 
 def away(north_m: float, sigma_m: float, probability: float) -> Solutions:
@@ -111,13 +118,21 @@ def test_the_risk_beyond_it_is_what_was_allowed(others: list[tuple[float, float,
     )
     level = protection_level_m(ORIGIN, P, without, NEVER_OFF, settings)
 
-    def beyond(radius_m: float) -> float:
-        return outside(0.8, radius_m) + sum(p * beside(d / s, radius_m / s) for d, s, p in others)
+    def beyond(radius_m: float, tail: Callable[[float, float], float]) -> float:
+        return outside(0.8, radius_m) + sum(p * tail(d / s, radius_m / s) for d, s, p in others)
 
-    assert beyond(level) <= risk * (1 + 1e-6)
+    assert beyond(level, beside) <= risk * (1 + 1e-6)
     sigmas = math.sqrt(2 * math.log((len(others) + 1) / risk))
     farthest = max(d + s * sigmas for d, s in [(0.0, 1.0), *((d, s) for d, s, _ in others)])
-    assert beyond(level - 0.015 * farthest) > risk  # the bound of a place half a sigma off is 1.9 % too far for a risk of 0.8 %
+    assert beyond(level - 0.01 * farthest, bound_beside) > risk
+
+
+@given(st.floats(0.0, 60.0), st.floats(0.0, 7.0))
+def test_what_lies_beyond_beside_a_place_is_bounded_from_near_above(apart: float, past: float) -> None:
+    """By at most 0.11 sigmas of radius; where the bound is above 0.4 it counts as all."""
+    exact, bound = beside(apart, apart + past), bound_beside(apart, apart + past)
+    assert exact * (1 - 1e-9) <= bound
+    assert bound <= max(beside(apart, apart + max(past - 0.11, 0.0)), 1e-12)
 
 
 def test_grows_with_the_time_since_the_last_fix() -> None:
