@@ -38,7 +38,7 @@ CHECK_GROWTH = 1.3
 SHORTEST_M = {Kind.PATCH: 900.0, Kind.PROFILE: 1500.0}
 LONG_M = {Kind.PATCH: 3000.0, Kind.PROFILE: 6000.0}
 LONGEST_M = {Kind.PATCH: 6000.0, Kind.PROFILE: 12000.0}
-ENOUGH_M = {Kind.PATCH: 4.0, Kind.PROFILE: 8.0}
+ENOUGH_M = {Kind.PATCH: 4.0, Kind.PROFILE: 5.2}
 AVERAGED = 21
 """Steps over which the barometer's noise is averaged where a height is told of a time that has passed."""
 CONTENT = 1.6

@@ -23,7 +23,7 @@ CELL_M, MOST_CELLS = 10.0, 1500
 SIGMAS, MARGIN_CELLS = 3.0, 6
 HEIGHT_SIGMA_M = 0.5
 """1-sigma of a sounding beside the map's: range, barometer's noise and attitude."""
-ENOUGH_M, ENOUGH_SHARE = 8.0, 0.4
+ENOUGH_M, ENOUGH_SHARE = 5.2, 0.4
 """Ground that promises this 1-sigma, or this share of the prior's, is matched before the stretch is as long as it may be. A
 promise does not know the noise yet: fixes may claim more (TerrainSettings.max_sigma_m)."""
 

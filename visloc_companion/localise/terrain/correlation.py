@@ -17,10 +17,15 @@ LENGTHS_M = (60.0, 400.0)
 MOST = 700
 
 
+def alike(ne_m: FloatArray) -> FloatArray:
+    """(N, N) correlation of the model's errors at (N, 2) places, metres."""
+    squared = np.square(ne_m[:, None] - ne_m[None]).sum(-1)
+    return np.asarray(sum(np.exp(-squared / length**2) for length in LENGTHS_M) / len(LENGTHS_M), dtype=np.float64)
+
+
 def correlated_outer(weighted: FloatArray, ne_m: FloatArray) -> FloatArray:
     """(K, K) covariance of the sum of (N, K) weights times errors of unit variance at (N, 2) places, metres."""
     every = max(1, math.ceil(len(weighted) / MOST))
-    some, at = weighted[::every], ne_m[::every]
-    squared = np.square(at[:, None] - at[None]).sum(-1)
-    alike = sum(np.exp(-squared / length**2) for length in LENGTHS_M) / len(LENGTHS_M)
-    return np.asarray(some.T @ alike @ some * (len(weighted) / max(len(some), 1)) ** 2, dtype=np.float64)
+    some = weighted[::every]
+    scale = (len(weighted) / max(len(some), 1)) ** 2
+    return np.asarray(some.T @ alike(ne_m[::every]) @ some * scale, dtype=np.float64)

@@ -11,7 +11,7 @@ from visloc_companion.localise.terrain.base import Soundings, TerrainPrior
 from visloc_companion.localise.terrain.elevation import ElevationMap
 from visloc_companion.localise.terrain.fitting import fitting_of
 from visloc_companion.localise.terrain.settings import TerrainSettings
-from visloc_companion.localise.terrain.thin import lowest
+from visloc_companion.localise.terrain.thin import MOST_POINTS, lowest
 
 FEW = 800
 """Soundings that suffice to judge by."""
@@ -19,7 +19,7 @@ FEW = 800
 
 def expected_sigma_m(soundings: Soundings, prior: TerrainPrior, elevation: ElevationMap, settings: TerrainSettings) -> float:
     """1-sigma of the worse horizontal axis that a fix at the prior's place would claim; infinite where the model is unknown."""
-    thinned = lowest(soundings, settings.thin_cell_m, FEW)
+    thinned = lowest(soundings, settings.thin_cell_m, min(FEW, MOST_POINTS[soundings.kind]))
     half = np.abs(thinned.points_m[:, :2]).max(0) + 4 * elevation.cell_m
     terrain = elevation.window(prior.p_ne_m, (float(half[0]), float(half[1])), elevation.cell_m)
     if not terrain.known.any():

@@ -203,9 +203,10 @@ def _evidence(fitting: Fitting, best: Refined, cov: FloatArray, others: float) -
     prior = fitting.prior
     both = np.array(prior.cov_ne_m2) + cov
     away = best.unknowns[:2]
+    judged_by = cov - best.covariance[:2, :2] + best.counted_alike_m2
     return Evidence(
         others,
-        math.sqrt(float(np.linalg.eigvalsh(cov)[-1])),
+        math.sqrt(float(np.linalg.eigvalsh(judged_by)[-1])),
         best.gain,
         best.reliability,
         best.noise.sigma_m / fitting.noise.sigma_m,

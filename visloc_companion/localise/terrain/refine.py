@@ -10,12 +10,15 @@ Zeger 1986),
 for errors of the model and crowns are alike over a block of ground: soundings beside each other do not count twice. The blocks
 of a stretch are few, and a fit takes up what is alike over all of it: to their share comes, in full, what the errors that a model
 is expected to have leave (correlation.py), of the size that is stated for it and no smaller one that the residuals pretend.
+
+Of a line the place is then settled under these errors themselves (whitening.py): long waves of them, which a line hardly
+averages, count for less, and blocks need no counting.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +29,11 @@ from visloc_companion.localise.terrain.correlation import correlated_outer
 from visloc_companion.localise.terrain.elevation import Terrain
 from visloc_companion.localise.terrain.noise import HeightNoise, Parts, Stated, parts, refitted, told
 from visloc_companion.localise.terrain.walked import Walked, walked
+from visloc_companion.localise.terrain.whitening import Whitening, whitening
 from visloc_companion.types import FloatArray
 
 N_UNKNOWNS = 10
-ROUNDS = 40
+ROUNDS, SETTLING_ROUNDS = 40, 25
 STEP_CELLS = 1.0
 """Longest step, cells of the window."""
 DONE_M = 0.2
@@ -37,6 +41,8 @@ LEAST_GROUND = 0.05
 """Weight that a sounding keeps in the Hessian."""
 SIGMA_BOUNDS = (0.5, 2.5)
 """Of the refitted sigma, as a multiple of the expected one."""
+UNRESOLVED = 0.3
+"""Share of the model's variance that is alike over no length: what its cells do not hold."""
 STATED = 6.0
 """So many independent soundings the stated sigma counts as: itself it is known to 30 % (1 / sqrt(2 x 6))."""
 
@@ -46,7 +52,8 @@ class Refined:
     """`unknowns` (10,) with covariance (10, 10); `log_likelihood` (of independent soundings, the unknowns' own
     included) and its `gain` on that of level ground; `ground` and `known`: share of soundings that are ground, and that lie on
     known model; `reliability` as `reliable_share`; the covariance's height is that of the mean over the soundings, which `walked`
-    carries to a time. `by_drift` (2, 4): of the position by errors of the prior's drift, as in `TerrainFix`.
+    carries to a time. `by_drift` (2, 4): of the position by errors of the prior's drift, as in `TerrainFix`;
+    `counted_alike_m2` (2, 2): what the position would claim if soundings counted alike, by which it is judged.
     """
 
     unknowns: FloatArray
@@ -60,12 +67,14 @@ class Refined:
     walked: Walked
     by_drift: FloatArray
     converged: bool
+    counted_alike_m2: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitting:
     """What the fit is of: `block_m` is the side of a block, `temper` the share of soundings that is independent, `false_slope`
-    the slope (metres a metre, per axis, 1-sigma) that the model's errors pretend."""
+    the slope (metres a metre, per axis, 1-sigma) that the model's errors pretend; `alike` (N, N) how alike these are at the
+    soundings of a line, None where soundings count alike."""
 
     terrain: Terrain
     soundings: Soundings
@@ -74,6 +83,7 @@ class Fitting:
     block_m: float
     temper: float
     false_slope: float
+    alike: FloatArray | None = None
 
     @property
     def few(self) -> float:
@@ -104,7 +114,8 @@ def refine(fitting: Fitting, start: FloatArray) -> Refined:
         converged = turn > 9 and float(np.abs(step[:3]).max()) < DONE_M
         if converged:
             break
-    return _result(fitting, unknowns, noise, weight, converged)
+    found = _result(fitting, unknowns, noise, weight, converged)
+    return found if fitting.alike is None or not converged else _settled(fitting, fitting.alike, found, weight)
 
 
 def expected_covariance(fitting: Fitting, start: FloatArray) -> FloatArray:
@@ -112,11 +123,58 @@ def expected_covariance(fitting: Fitting, start: FloatArray) -> FloatArray:
     are expected to: what there is to see, before looking."""
     _, J, known = _linearised(fitting, start)
     noise, weight = fitting.noise, _prior_information(fitting.prior)
+    if fitting.alike is not None:
+        share = np.full(len(J), 1 - noise.standing - noise.outliers)
+        errors = _whitening(fitting, fitting.alike, noise, share, known)
+        full, ones = J.T @ errors.solved(J), np.ones(len(J))
+        true = told(noise) * _without_false_slopes(full, fitting, float(ones @ errors.solved(ones)))
+        return _left(fitting, true, fitting.few * full, weight)[0][:3, :3]
     ground = np.asarray((1 - noise.standing - noise.outliers) * known, dtype=np.float64)
     full = np.asarray((J.T * (ground / noise.sigma_m**2)) @ J)
     full = _without_false_slopes(full, fitting, float(ground.sum()) / noise.sigma_m**2)
     own = fitting.few * _under_errors(fitting, J, ground, noise.sigma_m)
     return _claimed(fitting, told(noise) * full, own, weight)[0][:3, :3]
+
+
+def _settled(fitting: Fitting, alike: FloatArray, found: Refined, weight: FloatArray) -> Refined:
+    """A place refined with the model's errors as they are alike nearby, and what these leave of it. It is judged by what was
+    found: likelihoods, shares and noise are those of soundings that count alike."""
+    unknowns, noise, converged = found.unknowns, found.noise, False
+    last, gain = unknowns[:3] * 0, 1.0
+    for _ in range(SETTLING_ROUNDS):
+        difference, J, known = _linearised(fitting, unknowns)
+        errors = _whitening(fitting, alike, noise, parts(noise, difference).ground, known)
+        gradient = J.T @ errors.solved(difference) - weight @ unknowns
+        step = np.linalg.solve(J.T @ errors.solved(J) + weight, gradient)
+        if float(step[:3] @ last) < 0:  # what is ground changes with the place: it would go to and fro
+            gain /= 2
+        far = float(np.hypot(step[0], step[1])) / (STEP_CELLS * fitting.terrain.cell_m)
+        unknowns, last = unknowns + gain * step / max(1.0, far), np.asarray(step[:3], dtype=np.float64)
+        converged = float(np.abs(step[:3]).max()) < DONE_M
+        if converged:
+            break
+    difference, J, known = _linearised(fitting, unknowns)
+    by_each = _whitening(fitting, alike, noise, parts(noise, difference).ground, known).solved(J)
+    full = J.T @ by_each
+    true = told(noise) * _scaled(full, np.eye(2) * math.sqrt(max(found.reliability, LEAST_RELIABLE)))
+    covariance, inverse = _left(fitting, true, fitting.few * full, weight)
+    covariance[2, 2] += STANDS * max(0.0, noise.sigma_m**2 - fitting.noise.sigma_m**2)
+    return replace(
+        found,
+        unknowns=unknowns,
+        covariance=(covariance + covariance.T) / 2,
+        walked=walked(by_each @ inverse[2], fitting.soundings.age_s),
+        by_drift=np.asarray(inverse[:2, 6:] @ weight[6:, 6:], dtype=np.float64),
+        converged=converged,
+    )
+
+
+def _whitening(
+    fitting: Fitting, alike: FloatArray, noise: HeightNoise, ground: FloatArray, known: NDArray[np.bool_]
+) -> Whitening:
+    own_m2 = fitting.soundings.sigma_m**2
+    of_model_m2 = max(noise.sigma_m, fitting.noise.sigma_m) ** 2 - own_m2
+    return whitening(alike, (1 - UNRESOLVED) * of_model_m2, own_m2 + UNRESOLVED * of_model_m2, ground, known)
 
 
 def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: FloatArray, converged: bool) -> Refined:
@@ -145,6 +203,7 @@ def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: 
         walked(J * (p.ground * known)[:, None] @ inverse[2], fitting.soundings.age_s),
         np.asarray(inverse[:2, 6:] @ weight[6:, 6:], dtype=np.float64),
         converged,
+        covariance[:2, :2],
     )
 
 
@@ -164,8 +223,13 @@ LEAST_RELIABLE = 0.02
 def _claimed(fitting: Fitting, information: FloatArray, errors: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Covariance (10, 10) of the unknowns by what the soundings tell, the covariance of the gradient under their errors, and the
     prior's information; and the inverse that it rests on."""
-    inverse = np.linalg.inv(fitting.temper * information + weight + 1e-9 * np.eye(N_UNKNOWNS))
-    covariance: FloatArray = inverse @ (fitting.temper**2 * errors + weight) @ inverse
+    return _left(fitting, fitting.temper * information, fitting.temper**2 * errors, weight)
+
+
+def _left(fitting: Fitting, information: FloatArray, errors: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The same of soundings that need not be counted."""
+    inverse = np.linalg.inv(information + weight + 1e-9 * np.eye(N_UNKNOWNS))
+    covariance: FloatArray = inverse @ (errors + weight) @ inverse
     covariance[:2, :2] += np.eye(2) * fitting.prior.sigma_wander_m**2
     return covariance, np.asarray(inverse, dtype=np.float64)
 

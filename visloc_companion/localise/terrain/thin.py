@@ -10,17 +10,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.localise.terrain.base import Soundings
+from visloc_companion.localise.terrain.base import Kind, Soundings
 from visloc_companion.types import FloatArray
 
 LOW_SHARE = 0.1
 """Rank of the low point of a cell: the very lowest is the outlier of a noisy sensor."""
 NOISE_SIGMAS = 2.5
-MOST_POINTS = 4000
+MOST_POINTS = {Kind.PATCH: 4000, Kind.PROFILE: 600}
+"""Of a line no more than what whitening.py has a covariance of."""
 
 
-def lowest(soundings: Soundings, cell_m: float, most: int = MOST_POINTS) -> Soundings:
-    """One point of each cell, with its own place (so that slopes do not lower it); larger cells where there are too many."""
+def lowest(soundings: Soundings, cell_m: float, most: int | None = None) -> Soundings:
+    """One point of each cell, with its own place (so that slopes do not lower it); larger cells where there are more than `most`
+    (MOST_POINTS)."""
+    most = most or MOST_POINTS[soundings.kind]
     while True:
         chosen = low_in_cells(soundings.points_m, cell_m, soundings.sigma_m)
         if len(chosen) <= most:

@@ -1,0 +1,56 @@
+"""A line of soundings where the model's errors are alike nearby."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+
+from visloc_companion.localise.terrain.base import TerrainFix
+from visloc_companion.localise.terrain.correlation import alike
+from visloc_companion.localise.terrain.elevation import ElevationMap
+from visloc_companion.localise.terrain.match import locate
+from visloc_companion.localise.terrain.settings import TerrainSettings
+from visloc_companion.localise.terrain.whitening import whitening
+
+SIGMA_M, CELL_M, LONG_M = 1.5, 20.0, 400.0
+
+
+def long_waves(seed: int, n: int) -> np.ndarray:
+    field = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal((n, n)), (0, 0), LONG_M / 2 / CELL_M)
+    return np.asarray(SIGMA_M * field / field.std())
+
+
+def off_ne_m(world: SimpleNamespace, seed: int) -> np.ndarray:
+    ground = world.waves(40, seed=seed)
+    model = world.elevation(ground, half_m=4000.0)
+    erring = (model.height_amsl_m + long_waves(seed, len(model.height_amsl_m))).astype(np.float32)
+    fix = locate(world.profile(ground), world.prior(20.0), ElevationMap(erring, model.T_ne_pix, SIGMA_M), TerrainSettings())
+    assert isinstance(fix, TerrainFix)
+    return np.array(fix.p_ne_m) - np.array(world.true_ne)
+
+
+def test_long_waves_of_the_models_errors_hardly_move_a_line(world: SimpleNamespace) -> None:
+    off = np.array([off_ne_m(world, seed) for seed in range(12)])
+    assert np.sqrt(np.square(off).sum(1).mean()) < 5.5
+
+
+def test_it_is_the_inverse_of_what_the_differences_have_for_a_covariance() -> None:
+    rng = np.random.default_rng(3)
+    at, ground, values = rng.uniform(0, 500, (40, 2)), rng.uniform(0.2, 1, 40), rng.normal(0, 1, (40, 3))
+    known = np.arange(40) != 7
+    errors = whitening(alike(at), 2.0, 0.3, ground, known)
+    covariance = 2.0 * alike(at) + np.diag(0.3 / np.where(known, ground, 1e-9))
+    assert np.allclose(covariance @ errors.solved(values), values)
+
+
+def test_what_is_not_ground_or_not_known_tells_next_to_nothing() -> None:
+    at = np.column_stack([np.linspace(0, 1000, 30), np.zeros(30)])
+    ground, known = np.where(np.arange(30) < 10, 0.0, 1.0), np.arange(30) >= 5
+    crowns = np.where(ground * known > 0, 0.0, 15.0)
+    hidden, open_ground = (
+        abs(np.ones(30) @ whitening(alike(at), 2.0, 0.3, *as_what).solved(crowns))
+        for as_what in ((ground, known), (np.ones(30), np.ones(30, bool)))
+    )
+    assert hidden < 0.05 * open_ground
