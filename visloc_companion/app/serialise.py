@@ -31,7 +31,7 @@ _SIMPLE_SCHEMAS: dict[Any, Any] = {
     float | str: ["number", "object", "string"],
 }
 _Convert = Callable[[Any], Any]
-_FLOATS = {float}
+_STAY = (int, bool, str, type(None))
 _ENCODE = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 
 
@@ -154,14 +154,26 @@ def _decoder(kind: Any) -> _Convert:
 
 
 def _dataclass_decoder(kind: Any) -> _Convert:
-    """Of objects: what was written has the very fields in their order, so that they need no names."""
+    """Of objects: what was written has the very fields in their order, so that they need no names; which of them are to be
+    converted depends on what json made of each, which is the same nearly always."""
     hints = list(_hints(kind))
     names, decoders = tuple(name for name, _, _ in hints), {name: _decoder(hint) for name, hint, _ in hints}
     in_order, required = tuple(decoders.values()), frozenset(name for name, _, required in hints if required)
+    to_convert: dict[tuple[type, ...], list[tuple[int, _Convert]]] = {}
+
+    def converted(read: tuple[type, ...]) -> list[tuple[int, _Convert]]:
+        stays = [_stays_as_read(hint, of_part) for (_, hint, _), of_part in zip(hints, read, strict=True)]
+        return [(k, convert) for k, convert in enumerate(in_order) if not stays[k]]
 
     def decode(value: Any) -> Any:
         if type(value) is dict and tuple(value) == names:
-            return kind(*[convert(part) for convert, part in zip(in_order, value.values(), strict=True)])
+            parts = [*value.values()]
+            read = tuple(map(type, parts))
+            if read not in to_convert:
+                to_convert[read] = converted(read)
+            for k, convert in to_convert[read]:
+                parts[k] = convert(parts[k])
+            return kind(*parts)
         data = _exactly(dict, value)
         if unknown := data.keys() - decoders.keys():
             raise ValueError(f"unknown fields {sorted(unknown)}")
@@ -172,11 +184,17 @@ def _dataclass_decoder(kind: Any) -> _Convert:
     return decode
 
 
+def _stays_as_read(hint: Any, read: type) -> bool:
+    """Whether json gives nothing of this type that a field of the annotated type cannot hold as it is: of a float it may."""
+    return read in _STAY and read in (get_args(hint) or (hint,))
+
+
 def _float_tuple_decoder(one_by_one: _Convert, n: int) -> _Convert:
     """Of n numbers: most are plain floats, which need no look at each."""
+    floats = [float] * n
 
     def decode(value: Any) -> Any:
-        plain = type(value) is list and len(value) == n and set(map(type, value)) == _FLOATS and math.isfinite(sum(value))
+        plain = type(value) is list and [*map(type, value)] == floats and math.isfinite(sum(value))
         return tuple(value) if plain else one_by_one(value)
 
     return decode

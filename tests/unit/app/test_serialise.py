@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from visloc_companion import types
-from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, TYPES, from_json, json_schema, to_json
+from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, TYPES, from_dict, from_json, json_schema, to_json
 from visloc_companion.errors import JournalError
 from visloc_companion.types import Attitude, GeoPoint, Gnss, Injection, Notice, OriginChanged, PosePrior, Severity, Tick
 
@@ -96,6 +96,34 @@ def test_text_nan_and_number_nan_stay_apart() -> None:
     assert back.data[0] == ("a", "nan")
     assert math.isnan(float(back.data[1][1]))
     assert back.data[2:] == (("c", math.inf), ("d", "é\n\u2028\udc80"))
+
+
+ODD = (None, True, False, 0, 7, 1.0, -2.5, 1e999, "", "inf", [], [1.0], [1, 2.0], {}, {"float": "nan"}, {"lat_deg": 1.0})
+
+
+def judged(data: dict[str, Any]) -> Any:
+    """What is made of an object: a thing, or why it is none."""
+    try:
+        return exact(from_dict(data))
+    except JournalError as why:
+        return why.what
+
+
+@pytest.mark.parametrize("name", sorted(TYPES))
+def test_what_a_field_holds_is_judged_the_same_whatever_the_order_of_fields(name: str) -> None:
+    """In the order in which they were written fields need no names, and most of them no look."""
+
+    @settings(max_examples=10)
+    @given(strategy(TYPES[name]), st.data())
+    def check(thing: Any, data: st.DataObject) -> None:
+        written = json.loads(to_json(thing))
+        if len(written) > 1:
+            written[data.draw(st.sampled_from(list(written)[1:]))] = data.draw(st.sampled_from(ODD))
+        kind, *others = written.items()
+        moved = data.draw(st.sampled_from(range(len(others)))) if others else 0
+        assert judged(dict(written)) == judged(dict([kind, *others[moved:], *others[:moved]]))
+
+    check()
 
 
 def test_a_field_that_came_later_takes_its_default() -> None:
