@@ -80,9 +80,9 @@ class Vision:
         self._monitor, self._steering = monitor, steering
         self._terrain, self._search, self._complaints = terrain, search, complaints
         self._camera, self._computer = CameraWatch(has_camera), ComputerWatch()
-        self._open = OpenTracks(max_probability_wrong)
         self._second, self._unmatched = SecondOpinion(), UnmatchedWatch()
         self._travel = TravelLog()
+        self._open = OpenTracks(max_probability_wrong, self._travel.displacements)
         self._regaining, self._first = Regaining(self._travel), FirstFixes(self._travel)
         self._searching = self._lens_doubted = False
         self._to_confirm: OperatorFix | None = None
@@ -110,10 +110,12 @@ class Vision:
         if self._monitor.trusted and not self._without.unplaced:
             self._to_confirm = None  # from here on GNSS says the place, and what fixes confirm is not the operator's word
         self._follow(now_ns)
+        told = [*self._camera.check(now_ns, heard), *self._onboard.check(now_ns, heard=heard, needed=self._steering.injecting)]
+        if not begun:
+            return told
         beside = self._asking.beside_gnss() and self._monitor.trusted
         text = "visloc: no fix near GNSS, searching the map" if beside else "visloc: searching the map, keep moving"
-        told = [*self._camera.check(now_ns, heard), *self._onboard.check(now_ns, heard=heard, needed=self._steering.injecting)]
-        return [*told, *([Notice(Severity.NOTICE, text, to_operator=True)] if begun else [])]
+        return [*told, Notice(Severity.NOTICE, text, to_operator=True)]
 
     def _follow(self, now_ns: int) -> None:
         """Fixes that wait are held against the way in between."""
@@ -164,8 +166,7 @@ class Vision:
             if interval is not None:
                 self._onboard.zoom.moved(interval)
                 self._aiding.on_motion(interval)
-            self._open.moved(motion)
-            self._travel.odometry(motion)
+            self._travel.odometry(motion)  # for the open places, too
             if self._search is not None and not self._asking.beside_gnss():  # else by the ground where GNSS has the vehicle
                 self._search.moved(motion)
 

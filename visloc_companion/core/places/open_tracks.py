@@ -26,6 +26,7 @@ import numpy as np
 
 from visloc_companion.core import kalman
 from visloc_companion.core.covariance import largest_sigma_m
+from visloc_companion.core.odometry import OdometryTrack
 from visloc_companion.core.places import hypotheses
 from visloc_companion.core.places.hypotheses import H_POSITION, Hypothesis
 from visloc_companion.core.places.travel import TravelLog
@@ -57,12 +58,13 @@ FLAT = (1 - math.exp(-(REACH_SIGMA**2) / 2)) / (REACH_SIGMA**2 / 2)
 class OpenTracks:
     """The hypotheses and their weights; all places are metres north and east of one origin.
 
-    A winner is wrong with a probability of at most RISK, and of no more than a fix may be (`max_probability_wrong`).
+    A winner is wrong with a probability of at most RISK, and of no more than a fix may be (`max_probability_wrong`);
+    `displacements`: what the camera saw of its motion, where another one takes that.
     """
 
-    def __init__(self, max_probability_wrong: float = 0.05) -> None:
+    def __init__(self, max_probability_wrong: float = 0.05, displacements: OdometryTrack | None = None) -> None:
         self._risk = min(max_probability_wrong, RISK)
-        self._travel = TravelLog()
+        self._travel = TravelLog(displacements)
         self._asked: LocaliseRequest | None = None
         self._origin: GeoPoint | None = None
         self._n_born = 0

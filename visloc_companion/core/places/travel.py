@@ -19,11 +19,14 @@ MAX_UNSEEN_S = 0.5
 
 
 class TravelLog:
-    """Velocity samples and displacements of the last SPAN_NS, in the order of their times."""
+    """Velocity samples and displacements of the last SPAN_NS, in the order of their times.
 
-    def __init__(self) -> None:
+    `displacements`: those of another log, which takes them for both.
+    """
+
+    def __init__(self, displacements: OdometryTrack | None = None) -> None:
         self._points: deque[tuple[int, float, float, Vec2]] = deque()
-        self._odometry = OdometryTrack()
+        self.displacements = OdometryTrack() if displacements is None else displacements
 
     def velocity(self, t_ns: int, v_ne_mps: Vec2) -> None:
         """Take a velocity (m/s); one that is hardly newer than the last is left out."""
@@ -41,14 +44,14 @@ class TravelLog:
 
     def odometry(self, seen: Odometry) -> None:
         """Take what the camera saw of its own motion."""
-        self._odometry.add(seen)
+        self.displacements.add(seen)
 
     def between(self, t_from_ns: int, t_to_ns: int) -> Travel:
         """From one time to a later one; without any velocity the vehicle is taken to stand (its error covers what it does)."""
         dt_s = max(0, t_to_ns - t_from_ns) * 1e-9
-        newest = self._odometry.newest_ns
+        newest = self.displacements.newest_ns
         if newest is not None and t_from_ns <= t_to_ns <= newest:
-            seen = self._odometry.between(t_from_ns, t_to_ns)
+            seen = self.displacements.between(t_from_ns, t_to_ns)
             if seen is not None and seen.unseen_s <= MAX_UNSEEN_S:
                 north, east, _ = seen.displacement_ned_m
                 return Travel((north, east), seen.cov_ne_m2, dt_s, by_velocity=False)

@@ -57,3 +57,13 @@ def test_odometry_that_did_not_see_much_of_the_time_is_not() -> None:
     assert log.between(S, 5 * S).moved_ne_m == pytest.approx((40.0, 0.0))
     assert log.between(S, 5 * S).by_velocity
     assert not log.between(4 * S, 6 * S).by_velocity
+
+
+def test_displacements_of_another_log_count_as_its_own_would() -> None:
+    own, first = TravelLog(), TravelLog()
+    second = TravelLog(first.displacements)
+    for k in range(5):
+        seen = Odometry(0, k * S, (k + 1) * S, (12.0, 1.0 * k, 0.0), ((0.1, 0.0), (0.0, 0.1)), 0.02)
+        own.odometry(seen)
+        first.odometry(seen)
+    assert second.between(S, 4 * S) == own.between(S, 4 * S)
