@@ -199,7 +199,8 @@ def _more_m2ps2(belief: Belief, sigma_mps: float, settings: NavigatorSettings) -
     unheld_ns = held_until_ns - np.maximum(without.rested_ns, belief.started_ns)
     drift_mps = INERTIAL_DRIFT_MPS2 * 1e-9 * np.maximum(unheld_ns, 0)
     more: FloatArray = drift_mps * (drift_mps + 2 * own_mps)  # (own + drift)^2 - own^2
-    more *= belief.fed_back_over
+    if belief.fed_back_over != 1.0:  # as it mostly is
+        more *= belief.fed_back_over
     more += belief.fed_back_over * own_mps**2 - sigma_mps**2
     return more
 
@@ -234,7 +235,7 @@ def observed(
         drifted = False
         got = Rejected(Reason.GATED, got.nis) if refused.soon_another(belief) else got
     if isinstance(got, kalman.Updated):
-        off_m, seen_m2 = at - H @ belief.x, H @ belief.P @ H.T
+        off_m, seen_m2 = got.innovation, got.seen
         S = seen_m2 + R + extra_m2 * UNIT
         if z.from_fix:
             white_ne = lean.whitened(off_m, S)
