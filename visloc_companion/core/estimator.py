@@ -15,7 +15,7 @@ from typing import NamedTuple, cast
 from visloc_companion.core import integrity
 from visloc_companion.core.filter import contradiction, fusion, lasting, refused, revised, votes
 from visloc_companion.core.filter.belief import Belief, Position, blurred, lens_doubted, lens_known
-from visloc_companion.core.filter.driving import Around, Velocity, height_at, velocity_at
+from visloc_companion.core.filter.driving import Around, Velocity, height_at, mean_and_change, velocity_at
 from visloc_companion.core.filter.motion import Motion, learned
 from visloc_companion.core.filter.propagation import OVERDUE_S, POSITION, UNAIDED_GAP_S, VELOCITY, Drive
 from visloc_companion.core.filter.reckoned import Reckoned, reckoned
@@ -120,8 +120,8 @@ class PositionFilter:
     def at(self, t_ns: int) -> NavState:
         """The state at a time: between inputs, or propagated beyond the last."""
         k, belief = self._belief_at(t_ns, alone=True)
-        (north, east), (b_north, b_east) = belief.x[POSITION].tolist(), belief.x[VELOCITY].tolist()
-        around = self._around(k)
+        x = belief.x.tolist()
+        (north, east), (b_north, b_east), around = x[POSITION], x[VELOCITY], self._around(k)
         v_north, v_east = velocity_at(t_ns, around)
         extra = self._settings.map_sigma_m**2
         (nn, ne), (_, ee) = belief.P[POSITION, POSITION].tolist()
@@ -271,7 +271,7 @@ class PositionFilter:
         """How far the velocity input went since a time, north and east metres."""
         k = bisect_right(self._log, t_from_ns, key=_time, hi=len(self._beliefs))
         start = self._after(k)
-        (north, east), _ = _driven(start.t_ns, t_from_ns, self._around(k))
+        (north, east), _ = mean_and_change(start.t_ns, t_from_ns, self._around(k))
         dt = max(0.0, (t_from_ns - start.t_ns) * 1e-9)
         north, east = start.travel_ne_m[0] + north * dt, start.travel_ne_m[1] + east * dt
         return belief.travel_ne_m[0] - north, belief.travel_ne_m[1] - east
@@ -308,7 +308,7 @@ class PositionFilter:
         if after is not None and gap_s > UNAIDED_GAP_S and after.drive is not before.drive:
             erring = fusion.propagated(belief, after.t_ns, (0.0, 0.0), self._settings, alone=True)
             around = before, _as_if_it_erred(after, erring)
-        mean, change = _driven(belief.t_ns, t_ns, around)
+        mean, change = mean_and_change(belief.t_ns, t_ns, around)
         carried = fusion.propagated(belief, t_ns, mean, self._settings, change, alone=alone)
         return blurred(carried, fusion.UNAIDED_SIGMA_MPS * (t_ns - belief.t_ns) * 1e-9) if gap_s > UNAIDED_GAP_S else carried
 
@@ -358,12 +358,6 @@ def _held_m(from_s: float, to_s: float) -> float:
     """1-sigma of where a vehicle is taken to by a velocity that is held between these ages of its sample, m: it is less known by
     the second, until at UNAIDED_GAP_S as much is claimed as of a silent link."""
     return fusion.UNAIDED_SIGMA_MPS * (to_s**2 - max(0.0, from_s) ** 2) / UNAIDED_GAP_S
-
-
-def _driven(from_ns: int, to_ns: int, around: Around) -> tuple[Vec2, Vec2]:
-    """Mean and change of the driving velocity over an interval without another sample."""
-    start, end = velocity_at(from_ns, around), velocity_at(to_ns, around)
-    return ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2), (end[0] - start[0], end[1] - start[1])
 
 
 def _key(entry: Input) -> tuple[int, int, int]:

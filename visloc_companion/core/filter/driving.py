@@ -52,6 +52,19 @@ def velocity_at(t_ns: int, around: Around) -> Vec2:
     return n0 + share * (n1 - n0), e0 + share * (e1 - e0)
 
 
+def mean_and_change(from_ns: int, to_ns: int, around: Around) -> tuple[Vec2, Vec2]:
+    """Of the velocity over an interval without another sample, north and east, m/s: `velocity_at` both ends tells the same."""
+    before, after = around
+    north, east, _ = before.v_ned_mps
+    if after is None or after.t_ns <= before.t_ns or _another(before, after):
+        return (north, east), (0.0, 0.0)
+    (n1, e1, _), gap_ns = after.v_ned_mps, after.t_ns - before.t_ns
+    at_start, at_end = (from_ns - before.t_ns) / gap_ns, (to_ns - before.t_ns) / gap_ns
+    start_n, start_e = north + at_start * (n1 - north), east + at_start * (e1 - east)
+    end_n, end_e = north + at_end * (n1 - north), east + at_end * (e1 - east)
+    return ((start_n + end_n) / 2, (start_e + end_e) / 2), (end_n - start_n, end_e - start_e)
+
+
 def height_at(t_ns: int, around: Around) -> float:
     """The autopilot's height above mean sea level, m."""
     before, after, share = _share(t_ns, around)

@@ -15,8 +15,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from visloc_companion.core.filter.propagation import VELOCITY
 from visloc_companion.types import FloatArray
 
@@ -38,7 +36,9 @@ def learned(over: float, squared: float, P: FloatArray, S: FloatArray, since_s: 
     `over`: what it was before; `squared`: the fix's normalised squared innovation over its degrees of freedom; P (15, 15): the
     filter's covariance before the fix; S (2, 2): the innovation's; `since_s`: the time since the last fix.
     """
-    by_velocity = since_s**2 * float(np.trace(P[VELOCITY, VELOCITY]))
-    if by_velocity < LEAST_SHARE * float(np.trace(S)):
+    (north_m2ps2, _), (_, east_m2ps2) = P[VELOCITY, VELOCITY].tolist()
+    (north_m2, _), (_, east_m2) = S.tolist()
+    by_velocity = since_s**2 * (north_m2ps2 + east_m2ps2)
+    if by_velocity < LEAST_SHARE * (north_m2 + east_m2):
         return max(1.0, over * math.exp(-since_s / FORGOTTEN_S))
     return min(max(over * math.exp(GAIN * (min(squared, MOST_SQUARED) / CHANCE - 1)), 1.0), MOST)

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from visloc_companion.core.filter.propagation import FIX_LENS, H_POSITION, LASTING
+from visloc_companion.core.filter.propagation import FIX_LENS, H_POSITION, LASTING, POSITION
 from visloc_companion.types import FloatArray, Vec2
 
 SHARE = 0.6
@@ -58,8 +58,10 @@ def known_m2(cov_m2: FloatArray, P: FloatArray, H: FloatArray) -> float:
     moment, so no fix is gated for that."""
     ours = slice(0, LASTING.stop)
     seen = H[:, ours]
-    known = float(seen.dot(P[ours, ours]).dot(seen.T).trace())
-    return max(0.0, (float(P[0, 0] + P[1, 1]) + SHARE * float(cov_m2[0, 0] + cov_m2[1, 1]) - known) / 2)
+    (known_n, _), (_, known_e) = seen.dot(P[ours, ours]).dot(seen.T).tolist()
+    (nn, _), (_, ee) = P[POSITION, POSITION].tolist()
+    (claimed_n, _), (_, claimed_e) = cov_m2.tolist()
+    return float(max(0.0, (nn + ee + SHARE * (claimed_n + claimed_e) - (known_n + known_e)) / 2))
 
 
 def root_m(cov_m2: FloatArray) -> FloatArray:

@@ -25,7 +25,7 @@ import numpy as np
 from visloc_companion.core.filter.belief import Belief, Doubt
 from visloc_companion.core.filter.doubt import Claim, carried_away, doubting, says_the_same, says_what_was_believed
 from visloc_companion.core.filter.exclusion import excluding
-from visloc_companion.core.filter.fusion import taken
+from visloc_companion.core.filter.fusion import UNIT, taken
 from visloc_companion.core.filter.propagation import (
     ACCELERATION,
     INERTIAL_WALK_MPS_PER_SQRT_S,
@@ -88,7 +88,7 @@ def learned(belief: Belief, motion: Motion, travel_ne_m: Vec2, settings: Navigat
         z -= (1 - share) * former.error_ne_mps
         alone += (1 - share) ** 2 * former.cov_m2ps2
     H, lag_m2ps2 = _seen(belief, motion, share, settings)
-    alone += lag_m2ps2 * np.eye(2)
+    alone += lag_m2ps2 * UNIT
     R = weighed(alone, H @ belief.P @ H.T, _beyond(motion))
     claim = Claim(z - H @ belief.x, R, share, motion.t_from_ns, math.hypot(*motion.d_ne_m) / dt)
     believed = None if belief.doubt is None else _confirmed(belief, belief.doubt, claim, settings)

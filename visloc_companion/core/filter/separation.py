@@ -242,14 +242,15 @@ def without_fix(
     the filter's recent fixes; a vote of its own is left out only where there is another.
     """
     p = believed(claimed)
-    leaving = leaving_out(solutions, method).tolist()
-    again, known = max(p, CORRELATION), {method}
+    leaving, again, known = _leave(solutions, method), max(p, CORRELATION), {method}
     factor = [
         1.0 if not leaves_it else again if method in left else p for leaves_it, left in zip(leaving, solutions.left, strict=True)
     ]
     left = tuple(
-        left | known if leaves_it and method not in left else left
-        for leaves_it, left in zip(leaving, solutions.left, strict=True)
+        [
+            left | known if leaves_it and method not in left else left
+            for leaves_it, left in zip(leaving, solutions.left, strict=True)
+        ]
     )
     kinds = (EVERY, method, ONE) if among - known else (EVERY, ONE)
     less = Solutions(solutions.x, solutions.P, solutions.probability * factor, solutions.rested_ns, solutions.leaves, left)
@@ -295,7 +296,12 @@ def _beside(
 
 def leaving_out(solutions: Solutions, method: str) -> NDArray[np.bool_]:
     """(K,) which of them leave a fix of a method out."""
-    return np.array([leaves in (EVERY, method) for leaves in solutions.leaves], dtype=np.bool_)
+    return np.array(_leave(solutions, method), dtype=np.bool_)
+
+
+def _leave(solutions: Solutions, method: str) -> list[bool]:
+    which = (EVERY, method)
+    return [leaves in which for leaves in solutions.leaves]
 
 
 def likeliest(probability: FloatArray) -> NDArray[np.bool_]:

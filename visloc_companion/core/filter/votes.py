@@ -100,7 +100,7 @@ def errs_again(
 
 
 def _away_m(seen_ne_m: tuple[Vec2, ...], at_ne_m: Vec2) -> float:
-    return min(math.dist(at_ne_m, each) for each in seen_ne_m)
+    return min([math.dist(at_ne_m, each) for each in seen_ne_m])
 
 
 def _last(votes: Votes, method: str) -> Vote | None:
