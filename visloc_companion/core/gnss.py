@@ -47,8 +47,8 @@ from visloc_companion.types import (
 
 MAX_SIGMA_SHARE = 2.0
 """A receiver that states a poor accuracy is believed up to this multiple of `gnss_sigma_m`: no spoofer may widen the gate."""
-FALSE_AGAIN = 0.9
-"""In a probation vision disagrees at this probability."""
+FALSE_AGAIN_LOG_R = gnss_odds.log_r(0.9)
+"""In a probation vision disagrees at the probability of 0.9."""
 ODOMETRY, PROBATION = "odometry_disagrees", "probation"
 BY_CAMERA = (ODOMETRY, "vision_disagrees")
 
@@ -301,7 +301,7 @@ class GnssMonitor:
     def _against(self) -> tuple[str, ...]:
         """The sequential tests that have decided against GNSS."""
         limit = self._settings.drift_threshold
-        vision = max(limit, gnss_odds.log_r(FALSE_AGAIN)) if self._drift.in_probation else limit
+        vision = max(limit, FALSE_AGAIN_LOG_R) if self._drift.in_probation else limit
         tests = zip(("vision", "odometry", "height"), self._log_r(), (vision, limit, limit), strict=True)
         decided = tuple(f"{name}_disagrees" for name, log_r, most in tests if log_r > most)
         return decided or (BY_CAMERA[1:] if self._seen_elsewhere else ())

@@ -56,14 +56,27 @@ class _Differences:
 
     def __init__(self) -> None:
         self._t_ns: list[int] = []
-        self.off: ComplexArray = np.zeros(0, dtype=complex)
-        self.v: ComplexArray = self.off
-        self.per_focal: ComplexArray = self.off
+        self._rows: ComplexArray = np.zeros((3, 0), dtype=complex)
         self.claimed_m2: FloatArray = np.zeros(0)
         self._gone: list[float] = []
 
     def __len__(self) -> int:
-        return len(self.off)
+        return len(self._t_ns)
+
+    @property
+    def off(self) -> ComplexArray:
+        """(K,) GNSS less the fixes, metres."""
+        return np.asarray(self._rows[0])
+
+    @property
+    def v(self) -> ComplexArray:
+        """(K,) velocities, m/s."""
+        return np.asarray(self._rows[1])
+
+    @property
+    def per_focal(self) -> ComplexArray:
+        """(K,) what a lens that is twice as long adds to the fixes, metres."""
+        return np.asarray(self._rows[2])
 
     @property
     def gone(self) -> float:
@@ -78,10 +91,9 @@ class _Differences:
         self._keep(n_old, len(self))
         self._t_ns.append(one.t_ns)
         self._gone.append(gone)
-        self.off = np.append(self.off, complex(*one.off_ne_m))
-        self.v = np.append(self.v, complex(*one.v_ne_mps))
-        self.per_focal = np.append(self.per_focal, complex(*one.per_focal_ne_m))
-        self.claimed_m2 = np.append(self.claimed_m2, one.claimed_m2)
+        column = [[complex(*each)] for each in (one.off_ne_m, one.v_ne_mps, one.per_focal_ne_m)]
+        self._rows = np.concatenate((self._rows, column), axis=1)
+        self.claimed_m2 = np.concatenate((self.claimed_m2, (one.claimed_m2,)))
 
     def until(self, t_ns: int) -> None:
         """No longer those after a time."""
@@ -89,8 +101,8 @@ class _Differences:
         self._keep(0, len(self) - n_late)
 
     def _keep(self, first: int, end: int) -> None:
-        self._t_ns, self._gone, self.claimed_m2 = self._t_ns[first:end], self._gone[first:end], self.claimed_m2[first:end]
-        self.off, self.v, self.per_focal = (each[first:end] for each in (self.off, self.v, self.per_focal))
+        self._t_ns, self._gone = self._t_ns[first:end], self._gone[first:end]
+        self._rows, self.claimed_m2 = self._rows[:, first:end], self.claimed_m2[first:end]
 
 
 class MapOffset:
@@ -105,6 +117,9 @@ class MapOffset:
         self._place_fits = True
         self.distance_m = 0.0
         """Length of the mean difference, or that of a lag; 0 while too little is known."""
+        self.sigma_m = map_sigma_m
+        """1-sigma of the map on each axis: as configured, or half of what fixes do not claim of the distance, where GNSS does not
+        explain that."""
 
     def compared(self, one: Beside) -> None:
         """Take a trusted GNSS beside a fix. One that is further off than map and lag may be tells of neither: it is GNSS that
@@ -132,6 +147,7 @@ class MapOffset:
             mean_m = min(mean_m, math.hypot(median(off.real), median(off.imag)))
         offset_m = max(mean_m, lag_m)
         self.distance_m = offset_m if enough and (self._borne_out or offset_m <= MOST_M) else 0.0
+        self.sigma_m = self._sigma_m()
 
     def _lagging(self, off: ComplexArray, v: ComplexArray) -> tuple[float, float, bool]:
         """By how many seconds fixes lag behind GNSS, 0 where that is not what they do; how far that is, m; and whether an offset
@@ -153,10 +169,7 @@ class MapOffset:
     def _explained_m(self) -> float:
         return BEYOND_SIGMAS * math.hypot(GNSS_SIGMA_M, self._map_sigma_m)
 
-    @property
-    def sigma_m(self) -> float:
-        """1-sigma of the map on each axis: as configured, or half of what fixes do not claim of the distance, where GNSS does not
-        explain that."""
+    def _sigma_m(self) -> float:
         known = self._differences
         left_m = unclaimed_m(self.distance_m, float(known.claimed_m2.mean()), known.gone) if len(known) else self.distance_m
         return self._map_sigma_m if left_m <= self._explained_m else max(self._map_sigma_m, left_m / 2)

@@ -103,7 +103,7 @@ class ShiftTest:
     def forget(self, first_weight_s: float = FIRST_WEIGHT_S, first_ramp_weight_s: float | None = None) -> None:
         """Drop all starts; what was learned of the healthy difference stays. The next start weighs so many seconds, a ramp that
         begins there others where they are told: one that began long before is a step by then."""
-        self._starts = np.zeros((4, 0))  # time, number, log of the weight of a step, of a ramp
+        self._starts = np.zeros((4, 0))  # time, how long it is kept, log of the weight of a step, of a ramp
         self._sums: ComplexArray = np.zeros((len(self._is_step), 0, STATES + 2), dtype=complex)  # response of the states, A, b
         self._n, self._log_r = 0, -math.inf
         self._first_weights_s = first_weight_s, first_weight_s if first_ramp_weight_s is None else first_ramp_weight_s
@@ -178,18 +178,15 @@ class ShiftTest:
         self._P[3, 3] += model.factor_walk_per_sqrt_s**2 * dt_s
 
     def _add_start(self, start_s: float, dt_s: float) -> None:
-        age, number = start_s - self._starts[0], self._starts[1]
-        keep = (
-            (age < FINE_S) | ((age < MEDIUM_S) & (number % MEDIUM_EVERY == 0)) | ((age < LONG_S) & (number % COARSE_EVERY == 0))
-        )
-        if not keep.all():
+        keep = start_s - self._starts[0] < self._starts[1]
+        if np.count_nonzero(keep) < len(keep):
             self._starts, self._sums = self._starts[:, keep], self._sums[:, keep]
         every = next((n for n in (COARSE_EVERY, MEDIUM_EVERY) if dt_s >= n), 1)
         self._n += -self._n % every  # where differences are rare, a start stands for as long as one that is kept of many
         usual_s = max(dt_s, FIRST_WEIGHT_S)
         step_s, ramp_s = self._first_weights_s if self._n == 0 else (usual_s, usual_s)
         none = np.zeros((len(self._is_step), 1, STATES + 2), dtype=complex)
-        start = np.array([[start_s], [self._n], [math.log(step_s)], [math.log(ramp_s)]])
+        start = np.array([[start_s], [_kept_s(self._n)], [math.log(step_s)], [math.log(ramp_s)]])
         self._starts = np.concatenate((self._starts, start), axis=1)
         self._sums = np.concatenate((self._sums, none), axis=1)
         self._n += 1
@@ -215,3 +212,10 @@ class ShiftTest:
         log_ratio = 0.5 * (b_2 * self._var / spread - self._model.components * np.log(spread)) + log_weight
         top = float(log_ratio.max())
         return top + math.log(float(np.exp(log_ratio - top).sum())) + self._log_share
+
+
+def _kept_s(number: int) -> int:
+    """For how long a start is kept, by how many there were before it."""
+    if number % COARSE_EVERY == 0:
+        return LONG_S
+    return MEDIUM_S if number % MEDIUM_EVERY == 0 else FINE_S

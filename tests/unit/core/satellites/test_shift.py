@@ -6,7 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visloc_companion.core.satellites.shift import FINE_S, LONG_S, MEDIUM_S, ShiftModel, ShiftTest
+from visloc_companion.core.satellites.shift import (
+    COARSE_EVERY,
+    FINE_S,
+    LONG_S,
+    MEDIUM_EVERY,
+    MEDIUM_S,
+    ShiftModel,
+    ShiftTest,
+    _kept_s,
+)
 
 MODEL = ShiftModel(2.0, 0.02, 1.5, 100.0, 5.0, (5.0, 30.0), (0.3, 1.0), max_constant=4.0)
 LINE = replace(MODEL, components=1)
@@ -116,6 +125,14 @@ def test_starts_are_thinned_with_age() -> None:
         test.update(float(k), 0.0, WHITE, QUICK)
         sizes.append(test._starts.shape[1])
     assert max(sizes) <= FINE_S + (MEDIUM_S - FINE_S) // 4 + (LONG_S - MEDIUM_S) // 16 + 3
+
+
+def test_a_start_is_kept_for_as_long_as_its_number_says() -> None:
+    age_s, number = np.meshgrid(np.arange(0.0, LONG_S + 2, 0.5), np.arange(40))
+    kept = (
+        (age_s < FINE_S) | ((age_s < MEDIUM_S) & (number % MEDIUM_EVERY == 0)) | ((age_s < LONG_S) & (number % COARSE_EVERY == 0))
+    )
+    np.testing.assert_array_equal(age_s < np.vectorize(_kept_s)(number), kept)
 
 
 def test_a_fork_keeps_what_is_healthy_and_drops_what_a_shift_put_into_it() -> None:
