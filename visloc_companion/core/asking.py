@@ -155,9 +155,11 @@ class Asking:
             return []
         state = self._of_camera(self._wide(state) if injecting else state, q_ned_frd)
         prior = self._prior(state, origin, q_ned_carrier, self._camera.q_carrier_cambody, injecting)
-        prior = replace(prior, tilt=self._camera.tilt(frame.t_ns, q_ned_carrier), sun=self._camera.sun(frame.t_ns))
-        asked = self._queue.taken(frame, prior, now_ns)
-        asked = replace(asked, zoom=self._camera.zoom.factor, try_zoom=self._camera.zoom.next(now_ns, self._tracker.gnss))
+        tilt, sun = self._camera.tilt(frame.t_ns, q_ned_carrier), self._camera.sun(frame.t_ns)
+        if tilt is not None or sun is not None:
+            prior = replace(prior, tilt=tilt, sun=sun)
+        zoom, try_zoom = self._camera.zoom.factor, self._camera.zoom.next(now_ns, self._tracker.gnss)
+        asked = self._queue.taken(frame, prior, now_ns, zoom=zoom, try_zoom=try_zoom)
         return [self._with_beam(self._read_out(asked, state.v_ned_mps), q_ned_frd, state.v_ned_mps)]
 
     def _read_out(self, request: LocaliseRequest, v_ned_mps: Vec3) -> LocaliseRequest:
@@ -302,7 +304,7 @@ class Asking:
         share = where.share_of_sigmas
         sigmas = share * prior.sigma_h_m, share * prior.sigma_yaw_rad
         prior = replace(prior, sigma_h_m=sigmas[0], sigma_yaw_rad=sigmas[1], within_m=where.within_m)
-        request = replace(self._queue.taken(frame, prior, now_ns, aside=True), zoom=self._camera.zoom.factor)
+        request = self._queue.taken(frame, prior, now_ns, aside=True, zoom=self._camera.zoom.factor)
         return [self._with_beam(self._read_out(request, velocity.v_ned_mps), q_ned_frd, velocity.v_ned_mps)]
 
     def _prior(self, state: NavState, origin: GeoPoint, q_ned_carrier: Quat, q_carrier_body: Quat, injecting: bool) -> PosePrior:

@@ -58,10 +58,12 @@ class AttitudeBuffer:
             gap_ns = self._t_ns[after] - self._t_ns[before]
             if gap_ns <= MAX_GAP_S * 1e9:
                 return se3.slerp(self._q[before], self._q[after], (t_boot_ns - self._t_ns[before]) / gap_ns)
-        near = [k for k in (before, after) if 0 <= k < len(self._t_ns)]
-        if not near:
+        if not self._t_ns:
             return None
-        nearest = min(near, key=lambda k: abs(t_boot_ns - self._t_ns[k]))
+        if before < 0 or after == len(self._t_ns):
+            nearest = max(before, 0)
+        else:
+            nearest = before if t_boot_ns - self._t_ns[before] <= self._t_ns[after] - t_boot_ns else after
         dt_s = (t_boot_ns - self._t_ns[nearest]) * 1e-9
         if abs(dt_s) > MAX_EXTRAPOLATION_S:
             return None

@@ -99,7 +99,7 @@ def injection(
 
     The vertical is the autopilot's own height (baro), unchanged: nothing vertical that we estimate is sent back.
     """
-    if not all(math.isfinite(v) for v in (*state.p_ned_m, *q_ned_frd, sigma_d_m)):
+    if not all(map(math.isfinite, (*state.p_ned_m, *q_ned_frd, sigma_d_m))):
         return None
     if math.hypot(*state.p_ned_m) > MAX_LOCAL_M or not is_covariance(state.cov_ne_m2):
         return None
@@ -150,14 +150,15 @@ def status(
     reset_counter: int,
     injected: bool,
     open_places: int = 0,
+    place: GeoPoint | None = None,
 ) -> Status:
-    """The Status of a Tick."""
+    """The Status of a Tick; `place`: the state's, where it is known already."""
     return Status(
         state.t_ns,
         mode,
         verdict.verdict,
         verdict.reasons,
-        wgs84.geo_from_ned(state.p_ned_m, origin),
+        wgs84.geo_from_ned(state.p_ned_m, origin) if place is None else place,
         state.v_ned_mps,
         state.cov_ne_m2,
         state.sigma_d_m,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from visloc_companion.core.covariance import largest_sigma_m
 from visloc_companion.core.turns import Turns
@@ -100,13 +99,22 @@ class FrameQueue:
         """The number that the next request will have."""
         return self._last_id + 1
 
-    def taken(self, frame: FrameRef, prior: PosePrior, now_ns: int, aside: bool = False) -> LocaliseRequest:
+    def taken(
+        self,
+        frame: FrameRef,
+        prior: PosePrior,
+        now_ns: int,
+        aside: bool = False,
+        zoom: float = 1.0,
+        try_zoom: float | None = None,
+    ) -> LocaliseRequest:
         """The request for a frame; it is outstanding from now on. `aside`: it asks for the image's vote out of turn."""
         self._last_id += 1
         self._busy_id, self._asked_ns, self._waiting = self._last_id, now_ns, None
         self._aside_id = self._last_id if aside else self._aside_id
         seed = (self._seed * SEED_STEP + self._last_id) % MAX_SEED
-        return LocaliseRequest(self._last_id, frame, prior, seed, Vote.IMAGE if aside else self._turns.vote)
+        vote = Vote.IMAGE if aside else self._turns.vote
+        return LocaliseRequest(self._last_id, frame, prior, seed, vote, zoom=zoom, try_zoom=try_zoom)
 
 
 def heading_sigma_rad(of_carrier_rad: float, pulled_rad: float) -> float:
@@ -131,7 +139,7 @@ def pose_prior(
     """
     place = wgs84.geo_from_ned(state.p_ned_m, origin)
     return PosePrior(
-        replace(place, h_amsl_m=place.h_amsl_m + height_offset_m),
+        GeoPoint(place.lat_deg, place.lon_deg, place.h_amsl_m + height_offset_m),
         se3.quat_multiply(q_ned_carrier, q_carrier_cambody),
         bounded(state.cov_ne_m2, max_search_radius_m / 3),
         min(max(state.sigma_d_m, least_sigma_h_m), UNKNOWN_HEIGHT_SIGMA_M),

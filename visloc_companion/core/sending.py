@@ -52,8 +52,8 @@ class Sending:
         counter = self._resets.follow(state, belief.started_ns)
         sent = injecting and not protected.stopped
         injected = self._injection(state, belief, protected, origin, autopilot, counter, now_ns) if sent else None
-        of_fix, sends = belief.last_fix_ns, injected is not None
-        status = output.status(state, of_fix, protected, origin, mode, verdict, counter, sends, n_open)
+        of_fix, sends, place = belief.last_fix_ns, injected is not None, None if injected is None else injected.place
+        status = output.status(state, of_fix, protected, origin, mode, verdict, counter, sends, n_open, place)
         return [status] if injected is None else [injected, status]
 
     def _injection(

@@ -203,7 +203,8 @@ class Tracker:
 
     def know_map(self, sigma_m: float) -> None:
         """Take another 1-sigma of the map's registration, on each axis."""
-        self._moved_alike(replace(self.alike, map_sigma_m=sigma_m))
+        same = self.alike.map_sigma_m == sigma_m
+        self._moved_alike(self.alike if same else replace(self.alike, map_sigma_m=sigma_m))
 
     def retimed(self, later_s: float) -> None:
         """Frames turned out to be taken so much later than was believed."""

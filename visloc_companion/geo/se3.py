@@ -125,7 +125,7 @@ def quat_from_R(R: FloatArray) -> Quat:
 
 def slerp(a: Quat, b: Quat, share: float) -> Quat:
     """Spherical interpolation from a (share 0) to b (share 1) along the shorter arc."""
-    dot = sum(x * y for x, y in zip(a, b, strict=True))
+    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     if dot < 0:
         b, dot = (-b[0], -b[1], -b[2], -b[3]), -dot
     if dot > 0.9999995:

@@ -14,6 +14,7 @@ from visloc_companion.types import AutopilotKind, GeoPoint, Vec3
 
 SEMI_MAJOR_M = 6378137.0
 ECCENTRICITY_2 = 6.69437999014e-3
+_OF_MERIDIAN_M = SEMI_MAJOR_M * (1 - ECCENTRICITY_2)
 ARDUPILOT_M_PER_DEG = 0.011131884502145034 * 1e7
 """ArduPilot's LOCATION_SCALING_FACTOR (libraries/AP_Common/Location.h), per degree."""
 PX4_RADIUS_M = 6371000.0
@@ -22,8 +23,12 @@ PX4_RADIUS_M = 6371000.0
 
 def radii_m(lat_deg: float) -> tuple[float, float]:
     """Radii of curvature at a latitude: meridian and prime vertical, metres."""
-    w2 = 1 - ECCENTRICITY_2 * math.sin(math.radians(lat_deg)) ** 2
-    return SEMI_MAJOR_M * (1 - ECCENTRICITY_2) / w2**1.5, SEMI_MAJOR_M / math.sqrt(w2)
+    w2 = _w2(lat_deg)
+    return _OF_MERIDIAN_M / w2**1.5, SEMI_MAJOR_M / math.sqrt(w2)
+
+
+def _w2(lat_deg: float) -> float:
+    return 1 - ECCENTRICITY_2 * math.sin(math.radians(lat_deg)) ** 2
 
 
 def _lon_difference_deg(lon_deg: float, lon0_deg: float) -> float:
@@ -43,7 +48,7 @@ def geo_from_ned(p_ned_m: Vec3, origin: GeoPoint) -> GeoPoint:
     """The inverse of `ned_from_geo`."""
     lat0 = lat = origin.lat_deg
     for _ in range(3):
-        lat = lat0 + math.degrees(p_ned_m[0] / radii_m((lat + lat0) / 2)[0])
+        lat = lat0 + math.degrees(p_ned_m[0] / (_OF_MERIDIAN_M / _w2((lat + lat0) / 2) ** 1.5))
     mid = (lat + lat0) / 2
     lon = origin.lon_deg + math.degrees(p_ned_m[1] / (radii_m(mid)[1] * math.cos(math.radians(mid))))
     return GeoPoint(lat, (lon + 180) % 360 - 180, origin.h_amsl_m - p_ned_m[2])

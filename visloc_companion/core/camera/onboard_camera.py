@@ -216,7 +216,8 @@ class OnboardCamera:
     def asked_of_vehicle(self, request: LocaliseRequest) -> LocaliseRequest:
         """A request with the vehicle's place in its prior."""
         q_frd_cambody = self._q_frd_cambody(request.frame.t_ns)
-        return replace(request, prior=self._lever.prior_of_vehicle(request.prior, q_frd_cambody))
+        prior = self._lever.prior_of_vehicle(request.prior, q_frd_cambody)
+        return request if prior is request.prior else replace(request, prior=prior)
 
     def on_frame(self, frame: FrameRef) -> FrameRef:
         """The frame with the time when it was taken."""

@@ -36,7 +36,7 @@ class HeadingPull:
     @property
     def since_fixes_rad(self) -> float:
         """At least zero."""
-        return max(abs(self._pull_rad - then) for then in self._at_fixes_rad)
+        return max([abs(self._pull_rad - then) for then in self._at_fixes_rad])
 
     def on_attitude(self, t_boot_ns: int, q_ned_frd: Quat, rate_frd_radps: Vec3) -> None:
         """Take an attitude with its body rates; times increase."""
