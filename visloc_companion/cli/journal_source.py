@@ -42,7 +42,8 @@ class JournalSource:
         header = header_left(self.path) if self.salvage and self.config is not None else read_header(self.path)
         effective = self.config or flown_config(header, self.path)
         events = [entry for entry in entries if entry.event is not None]
-        replayed = replay_entries(self._paced(events), core_settings(effective))
+        with read_once():
+            replayed = replay_entries(self._paced(events), core_settings(effective))
         found = compare(recorded_commands(entries), replayed)
         flown = [*events, *(Entry(now_ns, None, command) for now_ns, command in replayed)]
         record = from_entries(sorted(flown, key=lambda entry: entry.now_ns))

@@ -1,4 +1,4 @@
-"""What is read in one go and stays to the end is no garbage: nobody need look for any in it."""
+"""What is read or replayed in one go and stays to the end is no garbage: nobody need look for any in it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def read_once() -> Iterator[None]:
-    """While a flight is read, Python looks for no cycles of garbage, and in what was read or imported never again: it would go
-    through all of that each time it has grown by a quarter, and a flight has a million objects and no cycle."""
+    """While a flight is read or goes through the navigator, Python looks for no cycles of garbage, and in what is there then
+    never again: it would go through all of that each time it has grown by a quarter, and a flight has a million objects and no
+    cycle."""
     gc.disable()
     try:
         yield
