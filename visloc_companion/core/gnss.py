@@ -300,10 +300,12 @@ class GnssMonitor:
 
     def _against(self) -> tuple[str, ...]:
         """The sequential tests that have decided against GNSS."""
-        limit = self._settings.drift_threshold
+        limit, log_r = self._settings.drift_threshold, self._log_r()
+        if max(log_r) <= limit:  # nearly always
+            return BY_CAMERA[1:] if self._seen_elsewhere else ()
         vision = max(limit, FALSE_AGAIN_LOG_R) if self._drift.in_probation else limit
-        tests = zip(("vision", "odometry", "height"), self._log_r(), (vision, limit, limit), strict=True)
-        decided = tuple(f"{name}_disagrees" for name, log_r, most in tests if log_r > most)
+        tests = zip(("vision", "odometry", "height"), log_r, (vision, limit, limit), strict=True)
+        decided = tuple(f"{name}_disagrees" for name, value, most in tests if value > most)
         return decided or (BY_CAMERA[1:] if self._seen_elsewhere else ())
 
     def _probability(self, log_r: tuple[float, float, float]) -> float:

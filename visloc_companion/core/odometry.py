@@ -89,8 +89,9 @@ class OdometryTrack:
         newest = self.newest_ns
         if newest is not None and odometry.t_to_ns < newest - self._memory_ns:
             return TooOld((newest - odometry.t_to_ns) * 1e-9)
-        at = bisect_left(self._items, _key(odometry), key=_key)
-        if at < len(self._items) and _key(self._items[at]) == _key(odometry):
+        items, key = self._items, _key(odometry)
+        at = len(items) if not items or key > _key(items[-1]) else bisect_left(items, key, key=_key)
+        if at < len(items) and _key(items[at]) == key:
             return None
         self._items.insert(at, odometry)
         keep = self._n_before[at] if at < len(self._n_before) else len(self._times)

@@ -71,6 +71,8 @@ class Interference:
 
         Jamming that leaves a position which vision confirms is no sign: receivers report it long before it does harm.
         """
+        if not self._said:
+            return ()
         bad = {sign for (sign, _), (t_ns, is_bad) in self._said.items() if is_bad and now_ns - t_ns <= INTEGRITY_AGE_S * 1e9}
         if vision_agrees:
             bad.discard(JAMMING)

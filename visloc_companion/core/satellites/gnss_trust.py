@@ -34,9 +34,11 @@ class Trust:
 
     def lasting(self, now_ns: int, signs: tuple[str, ...]) -> tuple[str, ...]:
         """The signs that have been there for `denied_after_s`; any sign ends the clean time."""
+        if not signs:
+            self._since_ns = {}
+            return ()
         self._since_ns = {sign: self._since_ns.get(sign, now_ns) for sign in signs}
-        if signs:
-            self.interrupt()
+        self.interrupt()
         after_ns = self._settings.denied_after_s * 1e9
         return tuple(s for s in signs if s in AT_ONCE or now_ns - self._since_ns[s] >= after_ns)
 
