@@ -69,9 +69,9 @@ def update(
     nis = _normalised(innovation, S, gate_extra_m2)
     if not nis <= gate_sigma * gate_sigma:
         return Rejected(Reason.GATED, nis)
-    if n_considered == 0 and m != 2:
+    if n_considered == 0:
         x1, P1 = _update(x, P, z, R, H)
-    else:  # the same equations, in half the time of the library's for a pair
+    else:
         K = _inverse(S).dot(HP).T
         K[n - n_considered :] = 0.0
         keep = _identity(n) - K.dot(H)
