@@ -15,7 +15,6 @@ In the plane the filter's own error is the ellipse that it is (`round_about`), t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from scipy.special import erfc, i0e, ndtri  # type: ignore[import-untyped]
@@ -73,15 +72,9 @@ def gaussian(a: FloatArray) -> FloatArray:
     return np.asarray(2 / math.sqrt(math.pi) * np.exp(-x * x) / (x + np.sqrt(x * x + 4 / math.pi)))
 
 
-def bound_m(
-    apart_m: FloatArray,
-    sigma_m: FloatArray,
-    probability: FloatArray,
-    risk: float,
-    tail: Callable[[FloatArray], FloatArray],
-) -> float:
-    """The radius of the module's equation for d, s, p (K,); `tail` is at most exp(-a^2 / 2). At most a thousandth of the largest
-    radius tried too large."""
+def on_line_m(apart_m: FloatArray, sigma_m: FloatArray, probability: FloatArray, risk: float) -> float:
+    """The radius of the module's equation for errors on a line and d, s, p (K,). At most a thousandth of the largest radius tried
+    too large."""
     sigmas = math.sqrt(2 * math.log(len(sigma_m) / risk)) + ROUNDING
     low, high = 0.0, float(np.maximum.reduce(apart_m + sigma_m * sigmas))
     for _ in range(2):
@@ -89,7 +82,7 @@ def bound_m(
         beyond = radii[:, None] - apart_m
         np.maximum(beyond, 0.0, out=beyond)
         beyond /= sigma_m
-        enough = int((tail(beyond) @ probability <= risk).argmax())
+        enough = int((gaussian(beyond) @ probability <= risk).argmax())
         low, high = float(radii[max(0, enough - 1)]), float(radii[enough])
     return high
 
@@ -188,4 +181,4 @@ def vertical_protection_level_m(
     """Bound of the error of the autopilot's own height, which is what is stated and sent: `offset_m` (K,) is by how much each
     solution (the first is the filter) would raise it, so an error that is known counts as much as one that is not."""
     shared_m2 = settings.map_sigma_h_m**2 + (HEIGHT_SHARE * height_above_home_m) ** 2
-    return bound_m(np.abs(offset_m), np.sqrt(var_m2 + shared_m2), probability, settings.integrity_risk, gaussian)
+    return on_line_m(np.abs(offset_m), np.sqrt(var_m2 + shared_m2), probability, settings.integrity_risk)

@@ -72,8 +72,7 @@ def update(
     if n_considered == 0:
         x1, P1 = _update(x, P, z, R, H)
     else:
-        K = _inverse(S).dot(HP).T
-        K[n - n_considered :] = 0.0
+        K = _gain(S, HP, n_considered)
         keep = _identity(n) - K.dot(H)
         x1, P1 = x + K.dot(innovation), keep.dot(P).dot(keep.T)
         P1 += K.dot(R).dot(K.T)
@@ -88,8 +87,12 @@ def update(
 def gain(P: FloatArray, R: FloatArray, H: FloatArray, n_considered: int = 0) -> FloatArray:
     """(n, m) what `update` multiplies the innovation of such a measurement by."""
     HP = H.dot(P)
-    K: FloatArray = _inverse(HP.dot(H.T) + R).dot(HP).T
-    K[len(P) - n_considered :] = 0.0
+    return _gain(HP.dot(H.T) + R, HP, n_considered)
+
+
+def _gain(S: FloatArray, HP: FloatArray, n_considered: int) -> FloatArray:
+    K: FloatArray = _inverse(S).dot(HP).T
+    K[len(K) - n_considered :] = 0.0
     return K
 
 

@@ -24,7 +24,11 @@ PX4_RADIUS_M = 6371000.0
 def radii_m(lat_deg: float) -> tuple[float, float]:
     """Radii of curvature at a latitude: meridian and prime vertical, metres."""
     w2 = _w2(lat_deg)
-    return _OF_MERIDIAN_M / w2**1.5, SEMI_MAJOR_M / math.sqrt(w2)
+    return _meridian_m(w2), SEMI_MAJOR_M / math.sqrt(w2)
+
+
+def _meridian_m(w2: float) -> float:
+    return float(_OF_MERIDIAN_M / w2**1.5)
 
 
 def _w2(lat_deg: float) -> float:
@@ -48,7 +52,7 @@ def geo_from_ned(p_ned_m: Vec3, origin: GeoPoint) -> GeoPoint:
     """The inverse of `ned_from_geo`."""
     lat0 = lat = origin.lat_deg
     for _ in range(3):
-        lat = lat0 + math.degrees(p_ned_m[0] / (_OF_MERIDIAN_M / _w2((lat + lat0) / 2) ** 1.5))
+        lat = lat0 + math.degrees(p_ned_m[0] / _meridian_m(_w2((lat + lat0) / 2)))
     mid = (lat + lat0) / 2
     lon = origin.lon_deg + math.degrees(p_ned_m[1] / (radii_m(mid)[1] * math.cos(math.radians(mid))))
     return GeoPoint(lat, (lon + 180) % 360 - 180, origin.h_amsl_m - p_ned_m[2])

@@ -31,8 +31,6 @@ def agreed(refused: tuple[Candidate, ...], method: str) -> tuple[Candidate, ...]
 def beside(belief: Belief, settings: NavigatorSettings) -> Solutions:
     """The solutions that a level is made of: those that leave fixes out, and one for each method that contradicts."""
     solutions = belief.without
-    if not belief.contradicting:
-        return solutions
     for method in sorted({each.method for each in belief.contradicting}):
         newest = _repeated([each for each in belief.contradicting if each.method == method], belief, settings)
         if newest is not None:

@@ -169,8 +169,7 @@ def taken(
     without = separation.updated(belief.without, z, R, H, take=every, n_considered=considered)
     same = belief.alike
     if len(same):
-        gain, S = kalman.gain(belief.P, R, H, considered), H @ belief.P @ H.T + R
-        same = alike.measured(same, z - H @ belief.x, S, H, gain)
+        same = alike.measured(same, got.innovation, got.seen + R, H, kalman.gain(belief.P, R, H, considered))
     return belief._replace(x=got.x, P=got.P, without=without, alike=same), Accepted(got.nis)
 
 
@@ -250,7 +249,9 @@ def observed(
             anew = kalman.update(before.x, before.P, at, R, H, n_considered=considered)
             got = replace(anew, nis=got.nis) if isinstance(anew, kalman.Updated) else anew
     if isinstance(got, kalman.Updated):
-        without, same = _others(belief, z, R, H, considered), _alike(belief, before.P, z, R, H, considered)
+        without, same = _others(belief, z, R, H, considered), belief.alike
+        if z.from_fix or len(same):
+            same = _alike(belief, got, z, R, H, kalman.gain(before.P, R, H, considered))
         after = _tilted(belief._replace(x=got.x, P=got.P, without=without, alike=same), before, max_step_m)
         after = _suspected(after, belief, z, got.nis / 2, innovation_m2)
         if not z.from_fix:
@@ -318,11 +319,10 @@ def _others(belief: Belief, z: Position, R: FloatArray, H: FloatArray, n_conside
     return refused.founded(belief, z, among) if z.from_fix else among
 
 
-def _alike(belief: Belief, P: FloatArray, z: Position, R: FloatArray, H: FloatArray, n_considered: int) -> alike.Alike:
-    """What the filter is off by if fixes are wrong alike, after a position that it took with a covariance P (15, 15)."""
-    innovation_m, S, gain = np.array(z.p_ne_m) - H @ belief.x, H @ P @ H.T + R, kalman.gain(P, R, H, n_considered)
-    again = refused.errs_again(belief, z)
-    taken = alike.Taken(z.t_ns, z.method, z.probability_wrong, again, innovation_m, S, H, gain)
+def _alike(belief: Belief, got: kalman.Updated, z: Position, R: FloatArray, H: FloatArray, gain: FloatArray) -> alike.Alike:
+    """What the filter is off by if fixes are wrong alike, after a position that it took with this gain (15, 2)."""
+    again = votes.errs_again(belief.votes, z.method, z.looks_at_ne_m(belief.x[POSITION]), z.spacing_m) if z.from_fix else 1.0
+    taken = alike.Taken(z.t_ns, z.method, z.probability_wrong, again, got.innovation, got.seen + R, H, gain)
     return (alike.after_fix if z.from_fix else alike.after_other)(belief.alike, taken)
 
 

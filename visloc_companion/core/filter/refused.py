@@ -74,11 +74,6 @@ def founded(belief: Belief, z: Position, among: separation.Solutions) -> separat
     return separation.without_fix(among, z.method, z.probability_wrong, (belief.x, belief.P, belief.rested_ns), recent)
 
 
-def errs_again(belief: Belief, z: Position) -> float:
-    """The probability that a fix errs with the last one of its method."""
-    return votes.errs_again(belief.votes, z.method, z.looks_at_ne_m(belief.x[POSITION]), z.spacing_m)
-
-
 def remembering(belief: Belief, z: Position) -> Belief:
     """With a rejected fix kept in mind."""
     new = _candidate(belief, z)

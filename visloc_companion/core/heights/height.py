@@ -126,7 +126,7 @@ def observed(belief: HeightBelief, z: HeightFix, settings: NavigatorSettings) ->
     voted = votes.voted(belief.votes, z.method, z.t_ns, z.at_ne_m, z.spacing_m)
     others = tuple(each for each in belief.contradicting if each.method != z.method)
     without = separation.apart(_others(belief, z, offset, R, H), got.x, got.P, H)
-    alike = _alike(belief, z, offset, R, H)
+    alike = _alike(belief, got, z, R, H)
     return HeightBelief(z.t_ns, got.x, got.P, z.t_ns, voted, without, told=told, contradicting=others, alike=alike)
 
 
@@ -165,11 +165,11 @@ def _others(belief: HeightBelief, z: HeightFix, offset: FloatArray, R: FloatArra
     return separation.without_fix(among, z.method, z.probability_wrong, (belief.x, belief.P, belief.rested_ns), recent)
 
 
-def _alike(belief: HeightBelief, z: HeightFix, offset: FloatArray, R: FloatArray, H: FloatArray) -> Alike:
-    """What the correction is off by if fixes are wrong alike, after one, `offset` (1,) and R (1, 1), of H x, H (1, 2)."""
+def _alike(belief: HeightBelief, got: kalman.Updated, z: HeightFix, R: FloatArray, H: FloatArray) -> Alike:
+    """What the correction is off by if fixes are wrong alike, after one of H x, H (1, 2), with R (1, 1)."""
     again = votes.errs_again(belief.votes, z.method, z.at_ne_m, z.spacing_m)
-    innovation_m, S, gain = offset - H @ belief.x, H @ belief.P @ H.T + R, kalman.gain(belief.P, R, H)
-    return after_fix(belief.alike, Taken(z.t_ns, z.method, z.probability_wrong, again, innovation_m, S, H, gain))
+    gain = kalman.gain(belief.P, R, H)
+    return after_fix(belief.alike, Taken(z.t_ns, z.method, z.probability_wrong, again, got.innovation, got.seen + R, H, gain))
 
 
 def _widened(belief: HeightBelief, more_m2: float, t_ns: int | None = None) -> HeightBelief:

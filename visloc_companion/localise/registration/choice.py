@@ -14,7 +14,7 @@ import numpy as np
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.claims import MOST_BOWL_M, MOST_CHI2, POWER
 from visloc_companion.localise.registration.evidence import prior_chi2
-from visloc_companion.localise.registration.leads import finer, leads_of, parts_z
+from visloc_companion.localise.registration.leads import leads_of, parts_z
 from visloc_companion.localise.registration.pair import Pair
 from visloc_companion.localise.registration.parts import MOST
 from visloc_companion.localise.registration.search import find_places
@@ -37,7 +37,6 @@ class Choice:
 
     def __init__(self, pair: Pair, prior: RegistrationPrior) -> None:
         self._pair, self._prior = pair, prior
-        self._finer: Pair = finer(pair)
         self._merits: dict[Settled, float] = {}
 
     def best(self, settled: list[Settled]) -> Settled:
@@ -58,7 +57,7 @@ class Choice:
         leads = leads_of(self._pair, T, self._prior)
         if leads.joint >= CLEAR_LEAD:
             return []
-        starts = [place.T for place in find_places(self._finer, self._prior, REFINED)[0]]
+        starts = [place.T for place in find_places(self._pair.finer, self._prior, REFINED)[0]]
         if leads.rival_m is not None:
             shift = np.append(leads.rival_m - self._pair.centre_m[:2], 0.0)
             starts.append(about(self._pair.centre_m, yaw_of(T), scale_of(T), shift))
@@ -66,7 +65,7 @@ class Choice:
 
     def _merit(self, settled: Settled) -> float:
         T, score = settled.refined.T, max(settled.found.score, 0.0)
-        looks = math.atanh(min(score, MOST)) + parts_z(self._pair, self._finer, T, self._prior)
+        looks = math.atanh(min(score, MOST)) + parts_z(self._pair, T, self._prior)
         chi2 = min(prior_chi2(T, self._pair.centre_m, self._prior), MOST_CHI2)
         bowl_m = min(abs(settled.refined.bowl_m), MOST_BOWL_M)
         return float(LOOKS * looks + SCORE * score**POWER + CHI2 * chi2 + BOWL * bowl_m + BLOCKS * settled.found.blocks)

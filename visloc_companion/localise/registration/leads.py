@@ -8,7 +8,7 @@ in the others: where the looks are added up place by place, a rival has to be go
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.correlation import NO_SCORE, HeightCorrelator, Scores, summits
 from visloc_companion.localise.registration.handicap import of_place, of_turn
-from visloc_companion.localise.registration.height_map import high_passed
 from visloc_companion.localise.registration.pair import Pair
 from visloc_companion.localise.registration.parts import Cells, mean_z, z_of
 from visloc_companion.localise.registration.search import APART_M, reach_of, region, template
@@ -25,8 +24,6 @@ from visloc_companion.types import FloatArray
 
 NEAR_CELLS = 2.0
 """The place's own value is the highest so near: it lies between cells."""
-FINE_M, FINE_CELLS = 2.0, 1.0
-"""The finer relief is what stands out of a Gaussian mean of this sigma, at least so many cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +44,13 @@ def leads_of(pair: Pair, T: FloatArray, prior: RegistrationPrior, turned: Sequen
     low, high = region(pair, prior)
     if (high < low).any():
         return Leads(0.0, 0.0)
-    fine = finer(pair)
     here = pair.reference.cells_of(moved(T, pair.centre_m)[:2])
     cells = np.hypot(np.arange(low[0], high[0] + 1) - here[0], np.arange(low[1], high[1] + 1)[:, None] - here[1])
     turn = of_turn(yaw_of(T), scale_of(T), prior)
-    beside = [_beside(pair, fine, other, prior, (low, high)) + turn for other in turned]
+    beside = [_beside(pair, other, prior, (low, high)) + turn for other in turned]
     apart = cells >= APART_M / pair.reference.cell_m
     found, rival_m = [], None
-    for k, z in enumerate(_looks(pair, fine, T, prior, (low, high))):
+    for k, z in enumerate(_looks(pair, T, prior, (low, high))):
         own = float(np.max(z, where=cells <= NEAR_CELLS, initial=NO_SCORE))
         away = np.where(summits(Scores(z, np.zeros(z.shape, np.int32), (0, 0))) & apart, z, np.float32(0))
         row, col = np.unravel_index(int(np.argmax(away)), z.shape)
@@ -69,26 +65,19 @@ def _middle_m(pair: Pair, low: Cells, row: int, col: int) -> tuple[float, float]
     return float(east), float(north)
 
 
-def finer(pair: Pair) -> Pair:
-    """The pair with the finer reliefs."""
-    sigma_m = max(FINE_M, FINE_CELLS * pair.reference.cell_m)
-    source, reference = (high_passed(of, sigma_m) for of in (pair.source, pair.reference))
-    return replace(pair, source_relief=source, reference_relief=reference)
-
-
-def parts_z(pair: Pair, fine: Pair, T: FloatArray, prior: RegistrationPrior) -> float:
-    """Mean z of the parts and that of the parts of the finer relief (`fine`), added up: the highest so near the place to which T
-    (4, 4) takes the source as its own value may lie; 0 beyond the region."""
+def parts_z(pair: Pair, T: FloatArray, prior: RegistrationPrior) -> float:
+    """Mean z of the parts and that of the parts of the finer relief, added up: the highest so near the place to which T (4, 4)
+    takes the source as its own value may lie; 0 beyond the region."""
     low, high = _near(pair, T, region(pair, prior))
-    return 0.0 if (high < low).any() else float((mean_z(pair, T, low, high) + mean_z(fine, T, low, high)).max())
+    return 0.0 if (high < low).any() else float((mean_z(pair, T, low, high) + mean_z(pair.finer, T, low, high)).max())
 
 
-def _beside(pair: Pair, fine: Pair, T: FloatArray, prior: RegistrationPrior, within: tuple[Cells, Cells]) -> FloatArray:
+def _beside(pair: Pair, T: FloatArray, prior: RegistrationPrior, within: tuple[Cells, Cells]) -> FloatArray:
     """(2,) The highest value of each look about a place, within the region (its first and last cell), less its handicap."""
     low, high = _near(pair, T, within)
     if (high < low).any():
         return np.zeros(2)
-    looks = _looks(pair, fine, T, prior, (low, high))
+    looks = _looks(pair, T, prior, (low, high))
     return np.array([float(z.max()) for z in looks]) - of_turn(yaw_of(T), scale_of(T), prior)
 
 
@@ -100,9 +89,7 @@ def _near(pair: Pair, T: FloatArray, within: tuple[Cells, Cells]) -> tuple[Cells
     return low, np.minimum(np.floor(here + NEAR_CELLS).astype(int), within[1])
 
 
-def _looks(
-    pair: Pair, fine: Pair, T: FloatArray, prior: RegistrationPrior, box: tuple[Cells, Cells]
-) -> tuple[Float32Array, Float32Array]:
+def _looks(pair: Pair, T: FloatArray, prior: RegistrationPrior, box: tuple[Cells, Cells]) -> tuple[Float32Array, Float32Array]:
     """(rows, cols) each, over a box of the reference's cells: z of the parts, and the sum of it, of that of the finer relief's
     and of the whole's; each less the handicap of its place."""
     low, high = box
@@ -110,7 +97,7 @@ def _looks(
     u, v = np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)[:, None]
     handicap = of_place(cell * (u - middle[0]), cell * (v - middle[1]), prior)
     parts = mean_z(pair, T, low, high)
-    return parts - handicap, parts + mean_z(fine, T, low, high) + _whole_z(pair, T, low, high) - handicap
+    return parts - handicap, parts + mean_z(pair.finer, T, low, high) + _whole_z(pair, T, low, high) - handicap
 
 
 def _whole_z(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> Float32Array:

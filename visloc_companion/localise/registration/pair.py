@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -35,12 +36,14 @@ MOST_PARTS = 4096
 SMOOTHING_CELLS = 0.6
 STRAY_SHARE = 0.05
 """Source points farther out than this share of the width of 99.8 % of them are strays."""
+FINE_M, FINE_CELLS = 2.0, 1.0
+"""The finer relief is what stands out of a Gaussian mean of this sigma, at least so many cells."""
 ROUNDED = 1e-6
 SIGMAS = 3.0
 """The prior is searched, and the reference looked at, so far."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Pair:
     """Points in metres, `reference_m` only what the prior reaches; smoothed surfaces and what stands out of them (`relief`).
 
@@ -62,6 +65,13 @@ class Pair:
     def half_m(self) -> float:
         """Half the longer side of the source."""
         return float(0.5 * self.source.cell_m * max(self.source.known.shape))
+
+    @cached_property
+    def finer(self) -> Pair:
+        """With the finer reliefs."""
+        sigma_m = max(FINE_M, FINE_CELLS * self.reference.cell_m)
+        source, reference = (high_passed(of, sigma_m) for of in (self.source, self.reference))
+        return replace(self, source_relief=source, reference_relief=reference)
 
 
 def make_pair(source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Pair | NotRegistered:

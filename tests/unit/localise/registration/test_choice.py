@@ -14,7 +14,7 @@ from visloc_companion.localise.registration import choice, height_search
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.choice import Choice
 from visloc_companion.localise.registration.height_search import HeightSearchRegistration
-from visloc_companion.localise.registration.leads import finer, parts_z
+from visloc_companion.localise.registration.leads import parts_z
 from visloc_companion.localise.registration.pair import make_pair
 from visloc_companion.localise.registration.search import find_places, work
 from visloc_companion.localise.registration.settle import Settler
@@ -78,7 +78,7 @@ def test_the_finer_relief_is_searched_where_the_place_is_doubtful_and_there_alon
     mirrored = scene.source_m * [1, -1, 1]
     HeightSearchRegistration(1.0)(mirrored, scene.reference_m, scene.prior)
     assert len(searched) == 2
-    np.testing.assert_array_equal(searched[1].source_relief.height_m, finer(searched[0]).source_relief.height_m)
+    np.testing.assert_array_equal(searched[1].source_relief.height_m, searched[0].finer.source_relief.height_m)
 
 
 def test_nothing_is_searched_twice_by_score_nor_where_that_is_too_much_work(scene, searched):
@@ -121,6 +121,6 @@ def test_parts_agree_at_the_right_place_and_see_nothing_beyond_the_region(scene)
     beside, beyond = scene.T_true.copy(), scene.T_true.copy()
     beside[0, 3] += 9.0
     beyond[0, 3] += 500.0
-    right, wrong, nothing = (parts_z(pair, finer(pair), T, scene.prior) for T in (scene.T_true, beside, beyond))
+    right, wrong, nothing = (parts_z(pair, T, scene.prior) for T in (scene.T_true, beside, beyond))
     assert right > 1.0 > wrong + 0.3
     assert nothing == 0
