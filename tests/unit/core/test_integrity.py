@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,12 +20,13 @@ SETTINGS = replace(NavigatorSettings(), map_sigma_m=0.0)
 P = np.diag([1.0, 0.64, 0.04, 0.04])
 ROUND = np.diag([1.0, 1.0, 0.04, 0.04])
 ORIGIN = np.zeros(4)
+strips = cache(np.polynomial.legendre.leggauss)
 
 
 def outside(sigma_east: float, radius: float) -> float:
     """Probability that an error of 1-sigma 1 north, and less east, lies beyond a radius, by strips in the other axis than the
     code's directions (Gauss and Legendre)."""
-    nodes, weights = np.polynomial.legendre.leggauss(200)
+    nodes, weights = strips(200)
     most = min(radius, 9.0 * sigma_east)
     east = most * nodes
     beyond = np.array([math.erfc(half / math.sqrt(2)) for half in np.sqrt(radius**2 - east**2)])
@@ -35,7 +37,7 @@ def outside(sigma_east: float, radius: float) -> float:
 def beside(apart: float, radius: float) -> float:
     """Probability that an error of 1-sigma 1 all round about a place that is so far off lies beyond a radius: by strips, too, and
     all of it where that is more than 0.4."""
-    nodes, weights = np.polynomial.legendre.leggauss(400)
+    nodes, weights = strips(400)
     if radius <= apart:
         return 1.0
     most = min(radius, 9.0)
@@ -129,10 +131,10 @@ def test_the_risk_beyond_it_is_what_was_allowed(others: list[tuple[float, float,
 
 @given(st.floats(0.0, 60.0), st.floats(0.0, 7.0))
 def test_what_lies_beyond_beside_a_place_is_bounded_from_near_above(apart: float, past: float) -> None:
-    """By at most 0.11 sigmas of radius; where the bound is above 0.4 it counts as all."""
+    """By at most 0.14 sigmas of radius (where 0.4 lies beyond, 0.9 sigmas off); where the bound is above 0.4 it counts as all."""
     exact, bound = beside(apart, apart + past), bound_beside(apart, apart + past)
     assert exact * (1 - 1e-9) <= bound
-    assert bound <= max(beside(apart, apart + max(past - 0.11, 0.0)), 1e-12)
+    assert bound <= max(beside(apart, apart + max(past - 0.14, 0.0)), 1e-12)
 
 
 def test_grows_with_the_time_since_the_last_fix() -> None:
