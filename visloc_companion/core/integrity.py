@@ -15,9 +15,10 @@ In the plane the filter's own error is the ellipse that it is (`round_about`), t
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
-from scipy.special import erfc, i0e, ndtri  # type: ignore[import-untyped]
+from scipy.special import erfc, i0e  # type: ignore[import-untyped]
 
 from visloc_companion.core.filter.alike import Alike
 from visloc_companion.core.filter.propagation import H_POSITION
@@ -29,28 +30,27 @@ AGE_DOUBLES_S = 30.0
 """The growth of dead reckoning is a model: what it claims without a fix is doubled after so long."""
 HEIGHT_SHARE = 0.005
 """1-sigma, as a share of the height flown, of what heights from images have in common: focal length, surface model."""
-GRID = 33
-SHARES = np.linspace(0.0, 1.0, GRID)
 DIRECTIONS = 11
 CERTAIN = np.array([0.5, *[1.0] * (DIRECTIONS - 2), 0.5]) / (DIRECTIONS - 1)
 """Probability of the filter itself, in so many directions of its error: the first and the last are of the axes."""
+NOT_APART_M = np.zeros(DIRECTIONS)
 TURNED = np.cos(np.linspace(0.0, math.pi, DIRECTIONS))
 LEAST_SHARE = 1e-9
 """Of the larger variance: a line's other one is none, or a rounding below."""
 LARGE = 0.4
 """What lies beyond a radius by more is taken to do so for certain."""
-BETWEEN = np.linspace(0.0, 1.2, 9)
-"""Where between what is too small and what is enough a radius is looked for at first, and one beyond."""
-ABOUT = np.array([1.03, 1.0, 0.97, 0.85, 0.5, 0.0])
-"""Where between the radius so found and what is enough it is looked for then: it may be a little off."""
-NEAR, CLOSER = (1, 2), 12
-"""Where none of these is the first that is enough, what is left is no parabola there (LARGE), and it is looked for once more, so
-closely."""
-LEAST_LEFT = 1e-30
-NOTHING = 3e-4
-"""What adds no more than this share of the risk by its bound is taken to add that."""
-ROUNDING = 1e-6
-"""So that the largest radius tried is certainly enough."""
+BENDS = 0.05
+"""Where a place leaves more than that beyond a radius, it soon leaves no more within: how it falls there tells nothing."""
+GUESS_SHARE = 0.3
+"""Of the risk, what the farthest place leaves beyond the radius that is tried first."""
+TIGHT, BEYOND = 1e-3, 3e-4
+"""A radius is near enough the least one where it is too large by less than this share; one that is looked for is taken so much
+larger, so that the next look finds it enough."""
+NEWTON, WIDER = 6, 1.2
+"""So often a radius is looked for by what is left and how it falls, then by halves."""
+LEAST_LEFT = 1e-300
+FLAT = 1e-6
+"""Where what is left falls by less than this share of the risk, how it falls says nothing of where it would be more."""
 
 
 def aged(level_m: float, age_of_fix_s: float) -> float:
@@ -73,75 +73,80 @@ def gaussian(a: FloatArray) -> FloatArray:
 
 
 def on_line_m(apart_m: FloatArray, sigma_m: FloatArray, probability: FloatArray, risk: float) -> float:
-    """The radius of the module's equation for errors on a line and d, s, p (K,). At most a thousandth of the largest radius tried
-    too large."""
-    sigmas = math.sqrt(2 * math.log(len(sigma_m) / risk)) + ROUNDING
-    low, high = 0.0, float(np.maximum.reduce(apart_m + sigma_m * sigmas))
-    for _ in range(2):
-        radii = low + (high - low) * SHARES
-        beyond = radii[:, None] - apart_m
-        np.maximum(beyond, 0.0, out=beyond)
-        beyond /= sigma_m
-        enough = int((gaussian(beyond) @ probability <= risk).argmax())
-        low, high = float(radii[max(0, enough - 1)]), float(radii[enough])
-    return high
+    """The radius of the module's equation for errors on a line and d, s, p (K,), where 1 is among p (`_least_m`)."""
+    falling = math.sqrt(2 / math.pi) * probability / sigma_m
+
+    def beyond(radius_m: float) -> tuple[float, float]:
+        a = (radius_m - apart_m) / sigma_m
+        tail, falls = gaussian(np.maximum(a, 0.0, out=a)), rayleigh(a)
+        np.copyto(falls, 0.0, where=tail > BENDS)
+        return float(tail.dot(probability)), float(falls.dot(falling))
+
+    return _least_m(_farthest_m(apart_m, sigma_m, probability, risk), beyond, risk)
 
 
-def beside(apart: FloatArray, a: FloatArray) -> FloatArray:
-    """P(|error| > a sigma) of a Gaussian error in the plane of one sigma in all directions, about a place that is `apart` (K,)
-    sigmas off, for a (N, K): from above, by next to nothing where it is small (Corazza & Ferrari, "New bounds for the Marcum
-    Q-function", 2002), and 1 where it is more than LARGE: what is less only grows with the sigma of any direction."""
-    past = a - apart
-    tail = erfc(past / math.sqrt(2))
-    tail *= math.sqrt(math.pi / 2) * apart
-    tail += rayleigh(past)
-    tail *= i0e(apart * a)
-    np.copyto(tail, 1.0, where=(past <= 0) | (tail > LARGE))
-    return np.asarray(tail)
+def _farthest_m(apart_m: FloatArray, sigma_m: FloatArray, probability: FloatArray, risk: float) -> float:
+    """The radius beyond which the place (K,) that reaches farthest leaves about GUESS_SHARE of the risk."""
+    sigmas = np.sqrt(2 * np.log(np.maximum(probability / (GUESS_SHARE * risk), 1.0)))
+    return float(np.maximum.reduce(apart_m + sigma_m * sigmas))
 
 
-def in_plane_m(own_m2: FloatArray, apart_m: FloatArray, sigma_m: FloatArray, probability: FloatArray, risk: float) -> float:
-    """The radius of the module's equation in the plane, for the filter's own error (variances of `round_about`) and places of d,
-    s, p (K,), up to 1 % too large where a place is less than a sigma off.
+def _least_m(radius_m: float, beyond: Callable[[float], tuple[float, float]], risk: float) -> float:
+    """A radius beyond which no more than the risk is left, by about TIGHT larger than the least one at most.
 
-    What leaves any of them more than the risk in the half-plane beyond it is too small; what leaves each no more than its share
-    by the bound of all directions is enough.
+    `beyond`: what is left beyond a radius, which falls with it from more than the risk, and by how much a metre more takes off.
+    Looked for from a radius on by Newton's method on the logarithm of what is left: as that of a Gaussian tail it bends down, so
+    the next radius is rather too large. Only a radius that was tried, and enough, is given.
     """
-    own_m, each = math.sqrt(own_m2[0]), risk / (1 + len(probability))
-    likely = probability > each
-    d, s, p = apart_m[likely], sigma_m[likely], probability[likely]
-    high_m = np.maximum.reduce(d + s * np.sqrt(2 * np.log(p / each)), initial=own_m * math.sqrt(-2 * math.log(each)))
-    too_small = (d - s * ndtri(np.minimum(risk / p, LARGE)))[p > risk]
-    low_m = np.maximum.reduce(too_small, initial=-own_m * float(ndtri(risk / 2)))
-    counts = probability * rayleigh(np.maximum((low_m - apart_m) / sigma_m, 0.0)) > NOTHING * risk
-    s, p = sigma_m[counts], probability[counts]
-    apart, owns_m = apart_m[counts] / s, np.sqrt(own_m2)
-    allowed = (1 - NOTHING * (len(counts) - len(p))) * risk
-
-    def left(radii_m: FloatArray) -> FloatArray:
-        radii_m = radii_m[:, None]
-        return np.asarray((rayleigh(radii_m / owns_m) @ CERTAIN + beside(apart, radii_m / s) @ p) / allowed)
-
-    radii_m = low_m + (high_m - low_m) * BETWEEN
-    shares = left(radii_m)
-    enough = int((shares <= 1.0).argmax())
-    if not 0 < enough < len(BETWEEN) - 1:
-        return float(low_m if shares[0] <= 1.0 else radii_m[-1])
-    about_m = radii_m[enough] - (radii_m[1] - radii_m[0]) * (1 - _crossing(shares[enough - 1 : enough + 2])) * ABOUT
-    first = int((left(about_m) <= 1.0).argmax())
-    if first in NEAR:
-        return float(about_m[first])
-    closer_m = np.linspace(about_m[first - 1] if first else radii_m[enough - 1], about_m[first], CLOSER)
-    return float(closer_m[(left(closer_m) <= 1.0).argmax()])
+    too_small_m, enough_m, n = 0.0, math.inf, 0
+    while True:
+        left, slope_per_m = beyond(radius_m)
+        further_m = math.log(max(left, LEAST_LEFT) / risk) * left / slope_per_m if slope_per_m > 0 else -math.inf
+        if left > risk:
+            too_small_m = radius_m
+        else:
+            enough_m, near_m = radius_m, TIGHT * radius_m
+            falls = slope_per_m * near_m > FLAT * risk
+            if enough_m - too_small_m <= near_m or (falls and -further_m <= near_m):
+                return enough_m
+        radius_m, n = (radius_m + further_m) * (1 + BEYOND), n + 1
+        if n > NEWTON or not too_small_m < radius_m < enough_m:
+            radius_m = (too_small_m + enough_m) / 2 if enough_m < math.inf else WIDER * too_small_m
 
 
-def _crossing(left: FloatArray) -> float:
-    """Where between the first two of three evenly spaced radii what is left, over what is allowed (3,), is 1: its logarithm, as
-    that of a Gaussian tail, is taken to go on as the parabola through the three."""
-    more, less, least = np.log(np.maximum(left, LEAST_LEFT)).tolist()
-    curved = (more - 2 * less + least) / 2
-    falls = more - less + curved
-    return float(2 * more / (falls + math.sqrt(falls * falls - 4 * curved * more)))
+def beside(apart: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """P(|error| > a sigma) of a Gaussian error in the plane of one sigma in all directions, about a place that is `apart` (K,)
+    sigmas off, for a (..., K): from above, by next to nothing where it is small (Corazza & Ferrari, "New bounds for the Marcum
+    Q-function", 2002), and 1 where it is more than LARGE, so wherever a is not beyond the place: what is less only grows with the
+    sigma of any direction. And by how much the probability, not its bound, falls with a: the density of |error|, or 0 where it is
+    more than BENDS."""
+    past = a - apart
+    falls = rayleigh(past)
+    past *= math.sqrt(0.5)
+    tail = erfc(past)
+    tail *= apart
+    tail *= math.sqrt(math.pi / 2)
+    tail += falls
+    scaled = i0e(apart * a)
+    tail *= scaled
+    falls *= scaled
+    falls *= a
+    np.copyto(falls, 0.0, where=tail > BENDS)
+    np.copyto(tail, 1.0, where=tail > LARGE)
+    return np.asarray(tail), falls
+
+
+def in_plane_m(apart_m: FloatArray, sigma_m: FloatArray, probability: FloatArray, risk: float) -> float:
+    """The radius of the module's equation in the plane for places of d, s, p (K,), of which some have p of 1 together, by the
+    bound of each (`beside`, `_least_m`)."""
+    per_m = 1 / sigma_m
+    apart, falling = apart_m * per_m, probability * per_m
+
+    def beyond(radius_m: float) -> tuple[float, float]:
+        tail, falls = beside(apart, radius_m * per_m)
+        return float(tail.dot(probability)), float(falls.dot(falling))
+
+    return _least_m(_farthest_m(apart_m, sigma_m, probability, risk), beyond, risk)
 
 
 def round_about(middle_m2: float, reach_m2: float) -> FloatArray:
@@ -157,18 +162,17 @@ def round_about(middle_m2: float, reach_m2: float) -> FloatArray:
 
 def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, alike: Alike, settings: NavigatorSettings) -> float:
     """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east."""
-    K, n = len(without) + len(alike), len(without)
-    covs_m2, off_m = np.empty((4, K)), np.empty((K, 2))
-    same_m, spread_m2 = alike.off_m(H_POSITION)
-    covs_m2[:, :n], covs_m2[:, n:] = without.position_m2, P[:2, :2].reshape(4, 1) + spread_m2.reshape(-1, 4).T
-    off_m[:n], off_m[n:] = without.x[:, :2] - x[:2], same_m
     (nn, ne), (_, ee) = P[:2, :2].tolist()
-    map_m2 = settings.map_sigma_m**2
-    own_m2 = round_about((nn + ee) / 2, math.hypot((nn - ee) / 2, ne)) + map_m2
-    nns, nes, _, ees = covs_m2
-    sigma_m = np.sqrt((nns + ees) / 2 + np.hypot((nns - ees) / 2, nes) + map_m2)
-    probability = np.concatenate([without.probability, alike.probability])
-    return in_plane_m(own_m2, np.hypot(off_m[:, 0], off_m[:, 1]), sigma_m, probability, settings.integrity_risk)
+    out_m, (out_nns, out_nes, _, out_ees) = without.x[:, :2] - x[:2], without.position_m2
+    (alike_north_m, alike_east_m), (more_nns, more_ees, more_nes) = alike.off_m(H_POSITION)
+    nns, ees = np.concatenate((out_nns, more_nns + nn)), np.concatenate((out_ees, more_ees + ee))
+    nes = np.concatenate((out_nes, more_nes + ne))
+    own_m2 = round_about((nn + ee) / 2, math.hypot((nn - ee) / 2, ne))
+    variance_m2 = np.concatenate((own_m2, (nns + ees) / 2 + np.hypot((nns - ees) / 2, nes)))
+    variance_m2 += settings.map_sigma_m**2
+    apart_m = np.concatenate((NOT_APART_M, np.hypot(out_m[:, 0], out_m[:, 1]), np.hypot(alike_north_m, alike_east_m)))
+    probability = np.concatenate((CERTAIN, without.probability, alike.probability))
+    return in_plane_m(apart_m, np.sqrt(variance_m2), probability, settings.integrity_risk)
 
 
 def vertical_protection_level_m(

@@ -91,7 +91,7 @@ def gain(P: FloatArray, R: FloatArray, H: FloatArray, n_considered: int = 0) -> 
 
 
 def _gain(S: FloatArray, HP: FloatArray, n_considered: int) -> FloatArray:
-    K: FloatArray = _inverse(S).dot(HP).T
+    K: FloatArray = inverse(S).dot(HP).T
     K[len(K) - n_considered :] = 0.0
     return K
 
@@ -110,7 +110,7 @@ def _identity(n: int) -> FloatArray:
     return np.eye(n)
 
 
-def _inverse(S: FloatArray) -> FloatArray:
+def inverse(S: FloatArray) -> FloatArray:
     """Of a positive definite matrix; most measurements are pairs."""
     if len(S) != 2:
         return np.asarray(np.linalg.inv(S), dtype=np.float64)

@@ -82,7 +82,7 @@ def test_the_level_reaches_back_to_where_it_was() -> None:
     k = int(abs(belief.without.x[:, 0]).argmin())
     assert abs(float(belief.without.x[k, 0])) < 1.0
     assert belief.without.probability[k] >= 1e-3
-    assert abs(belief.alike.off_m(H_POSITION)[0][:, 0]).max() > 65.0
+    assert abs(belief.alike.off_m(H_POSITION)[0][0]).max() > 65.0
 
 
 def test_the_velocity_is_moved_no_further_than_by_an_ordinary_fix() -> None:

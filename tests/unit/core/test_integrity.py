@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from visloc_companion.core import integrity
@@ -15,6 +15,7 @@ from visloc_companion.core.filter.belief import NEVER_OFF
 from visloc_companion.core.filter.separation import EVERY, NONE, Solutions
 from visloc_companion.core.integrity import HEIGHT_SHARE, aged, gaussian, protection_level_m, vertical_protection_level_m
 from visloc_companion.core.settings import NavigatorSettings
+from visloc_companion.types import FloatArray
 
 SETTINGS = replace(NavigatorSettings(), map_sigma_m=0.0)
 P = np.diag([1.0, 0.64, 0.04, 0.04])
@@ -50,7 +51,7 @@ def beside(apart: float, radius: float) -> float:
 
 def bound_beside(apart: float, radius: float) -> float:
     """The same as the level reckons with it."""
-    return float(integrity.beside(np.array([apart]), np.array([[radius]]))[0, 0])
+    return float(integrity.beside(np.array([apart]), np.array([radius]))[0][0])
 
 
 def away(north_m: float, sigma_m: float, probability: float) -> Solutions:
@@ -127,6 +128,58 @@ def test_the_risk_beyond_it_is_what_was_allowed(others: list[tuple[float, float,
     sigmas = math.sqrt(2 * math.log((len(others) + 1) / risk))
     farthest = max(d + s * sigmas for d, s in [(0.0, 1.0), *((d, s) for d, s, _ in others)])
     assert beyond(level - 0.01 * farthest, bound_beside) > risk
+
+
+def mixture(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Places of the filter itself, a circle, and up to 80 others: d, s, p, and a risk. Some are as good as points, far off,
+    and their probabilities about the risk: there what is left beyond a radius falls by steps."""
+    rng = np.random.default_rng(seed)
+    K, risk = int(rng.integers(0, 81)), 10 ** rng.uniform(-7, -2)
+    own_m, s = 10 ** rng.uniform(-1, 1), 10 ** rng.uniform(*((-0.2, 0.5), (-1.0, 1.5))[seed % 2], K)
+    d = 10 ** rng.uniform(-3, 1.3, K) + rng.uniform(0, 200, K) * (rng.random(K) < 0.3)
+    p = np.minimum(1.0, 10 ** rng.uniform(-8, 0, K) if seed % 3 else risk * 10 ** rng.uniform(-2, 2, K))
+    return np.array([0.0, *d]), np.array([own_m, *s]), np.array([1.0, *p]), risk
+
+
+def least(beyond: Callable[[float], float], enough_m: float, risk: float) -> float:
+    """The least radius that is enough, by halves."""
+    low_m = 0.0
+    for _ in range(60):
+        middle_m = (low_m + enough_m) / 2
+        low_m, enough_m = (low_m, middle_m) if beyond(middle_m) <= risk else (middle_m, enough_m)
+    return enough_m
+
+
+@settings(max_examples=300)
+@given(st.integers(0, 2**32))
+def test_no_radius_is_below_the_least_one_that_is_enough_and_none_far_above(seed: int) -> None:
+    d, s, p, risk = mixture(seed)
+
+    def in_plane(radius_m: float) -> float:
+        return float(integrity.beside(d / s, radius_m / s)[0] @ p)
+
+    def on_line(radius_m: float) -> float:
+        return float(gaussian(np.maximum((radius_m - d) / s, 0.0)) @ p)
+
+    for found_m, beyond in ((integrity.in_plane_m(d, s, p, risk), in_plane), (integrity.on_line_m(d, s, p, risk), on_line)):
+        assert beyond(found_m) <= risk * (1 + 1e-12)
+        assert found_m <= 1.002 * least(beyond, found_m, risk)
+
+
+def test_few_radii_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of places as flights have them: some eighty, none far off for its sigma."""
+    tried, beside = [], integrity.beside
+
+    def counted(apart: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray]:
+        tried.append(a.size / apart.size)
+        return beside(apart, a)
+
+    monkeypatch.setattr(integrity, "beside", counted)
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        d, s, p = np.abs(rng.normal(0.0, 1.0, 80)), rng.uniform(0.7, 1.5, 80), 10 ** rng.uniform(-8, -2, 80)
+        integrity.in_plane_m(np.array([0.0, *d]), np.array([0.8, *s]), np.array([1.0, *p]), 1e-5)
+    assert sum(tried) / 100 < 3.5
 
 
 @given(st.floats(0.0, 60.0), st.floats(0.0, 7.0))

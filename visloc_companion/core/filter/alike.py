@@ -15,14 +15,18 @@ the offset is. What errs each in its own way is left to separation.py.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.core.filter.separation import CLAIM_FLOOR, believed, inverses, likeliest
+from visloc_companion.core import kalman
+from visloc_companion.core.filter.separation import CLAIM_FLOOR, believed, likeliest
 from visloc_companion.types import FloatArray
+
+UNIT = np.eye(2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,10 +46,12 @@ class Alike:
         return len(self.methods)
 
     def off_m(self, H: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """By how much H x, H (m, n), is off, mean (K, m), and the covariance (K, m, m) of that beside the filter's own."""
-        by = _seen(self, H)
-        spread = by @ inverses(self.information)
-        return (spread @ self.told[:, :, None])[:, :, 0], spread @ by.transpose(0, 2, 1)
+        """By how much H x, H (l, n), l of 1 or 2, is off, mean (l, K), and of that beside the filter's own the variances and the
+        covariance (3, K): of the first, the last, and of both.
+
+        The information is a product of triangles, U' U (Cholesky), and what is seen of one, divided by U, has unit variance.
+        """
+        return _off_m(self, _seen(self, H))
 
 
 class Taken(NamedTuple):
@@ -73,23 +79,15 @@ def carried(alike: Alike, F: FloatArray) -> Alike:
     return _off_by(alike, F.dot(alike.by.reshape(len(F), -1))) if len(alike) else alike
 
 
-def held(alike: Alike, H: FloatArray, gain: FloatArray) -> Alike:
-    """After the filter took with this gain (n, l) a measurement of H x, H (l, n), that is not off by any of them."""
-    if not len(alike):
-        return alike
-    by = alike.by.reshape(len(gain), -1)
-    return _off_by(alike, by - gain.dot(H.dot(by)))
-
-
 def measured(alike: Alike, innovation_m: FloatArray, S: FloatArray, H: FloatArray, gain: FloatArray) -> Alike:
     """After the filter took a measurement of H x, H (l, n), that no offset is in, with its innovation (l,), the covariance S
     (l, l) of that, and this gain (n, l): it tells what the filter has followed."""
     if not len(alike):
         return alike
     seen = _seen(alike, H)
-    weighed = -seen.transpose(0, 2, 1) @ inverses(S[None])[0]
-    after = held(alike, H, gain)
-    return replace(after, information=alike.information - weighed @ seen, told=alike.told + weighed @ innovation_m)
+    told, information = _told(alike, -seen, kalman.inverse(S), innovation_m)
+    by = _taken(alike, seen, gain)
+    return Alike(by, information, told, alike.probability, alike.since_ns, alike.methods)
 
 
 def renewed(alike: Alike, which: slice) -> Alike:
@@ -105,33 +103,39 @@ def after_fix(alike: Alike, fix: Taken) -> Alike:
     """After a fix that the filter took."""
     p = believed(fix.claimed)
     own = np.array([each == fix.method for each in alike.methods], dtype=np.bool_)
-    others = 1.0 if own.all() else _spoken_for(alike, fix, p)
+    seen = _seen(alike, fix.H)
+    others = 1.0 if own.all() else _spoken_for(alike, seen, fix, p)
     probability = alike.probability * np.where(own, fix.again, others)
-    weight, after = inverses(fix.S[None])[0], held(alike, fix.H, fix.gain)
-    unfollowed = (np.eye(len(weight)) - _seen(alike, fix.H)) * own[:, None, None]
-    weighed = unfollowed.transpose(0, 2, 1) @ weight
-    by, information = after.by + own[:, None] * fix.gain[:, None], alike.information + weighed @ unfollowed
-    told = alike.told + weighed @ fix.innovation_m
+    weight = kalman.inverse(fix.S)
+    unfollowed = (UNIT[: len(weight), None, : len(weight)] - seen) * own[:, None]
+    told, information = _told(alike, unfollowed, weight, fix.innovation_m)
+    by = _taken(alike, seen, fix.gain) + own[:, None] * fix.gain[:, None]
     after = Alike(by, information, told, probability, alike.since_ns, alike.methods)
     if fix.again == 1.0 and bool((own & (probability >= p)).any()):
         return _likely(after)
-    founded = Alike(
-        np.concatenate([by, fix.gain[:, None]], 1),
-        np.concatenate([information, weight[None]]),
-        np.concatenate([told, (weight @ fix.innovation_m)[None]]),
-        np.concatenate([probability, (p,)]),
-        np.concatenate([alike.since_ns, np.array([fix.t_ns], np.int64)]),
-        (*alike.methods, fix.method),
-    )
-    return _likely(founded)
+    return _likely(_founded(after, fix, weight, p))
+
+
+def _founded(alike: Alike, fix: Taken, weight: FloatArray, probability: float) -> Alike:
+    """With one more, that began with a fix, of which the innovation tells with this inverse covariance (m, m)."""
+    K, (n, m) = len(alike), fix.gain.shape
+    by, information, told = np.empty((n, K + 1, m)), np.empty((K + 1, m, m)), np.empty((K + 1, m))
+    probabilities, since_ns = np.empty(K + 1), np.empty(K + 1, np.int64)
+    by[:, :K], information[:K], told[:K] = alike.by, alike.information, alike.told
+    by[:, K], information[K], told[K] = fix.gain, weight, weight.dot(fix.innovation_m)
+    probabilities[:K], probabilities[K] = alike.probability, probability
+    since_ns[:K], since_ns[K] = alike.since_ns, fix.t_ns
+    return Alike(by, information, told, probabilities, since_ns, (*alike.methods, fix.method))
 
 
 def after_other(alike: Alike, position: Taken) -> Alike:
     """After a position that is no fix."""
     if not len(alike):
         return alike
-    probability = alike.probability * _spoken_for(alike, position, CLAIM_FLOOR)
-    return _likely(replace(held(alike, position.H, position.gain), probability=probability))
+    seen = _seen(alike, position.H)
+    probability = alike.probability * _spoken_for(alike, seen, position, CLAIM_FLOOR)
+    by = _taken(alike, seen, position.gain)
+    return _likely(Alike(by, alike.information, alike.told, probability, alike.since_ns, alike.methods))
 
 
 def until(alike: Alike, t_ns: int) -> Alike:
@@ -145,28 +149,76 @@ def _off_by(alike: Alike, by: FloatArray) -> Alike:
 
 
 def _seen(alike: Alike, H: FloatArray) -> FloatArray:
-    """(K, l, m) by how much H x, H (l, n), is off for each metre."""
+    """(l, K, m) by how much H x, H (l, n), is off for each metre."""
     n, K, m = alike.by.shape
-    return np.asarray(H.dot(alike.by.reshape(n, -1)).reshape(len(H), K, m).transpose(1, 0, 2))
+    seen: FloatArray = H.dot(alike.by.reshape(n, -1))
+    return seen.reshape(len(H), K, m)
 
 
-def _spoken_for(alike: Alike, z: Taken, wrong: float) -> FloatArray:
+def _taken(alike: Alike, seen: FloatArray, gain: FloatArray) -> FloatArray:
+    """(n, K, m) what each metre makes the filter be off by after it took with this gain (n, l) what of it is `seen` (l, K, m)."""
+    by: FloatArray = alike.by - gain.dot(seen.reshape(len(seen), -1)).reshape(alike.by.shape)
+    return by
+
+
+def _told(alike: Alike, in_it: FloatArray, weight: FloatArray, innovation_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What innovations (K, m) have told of each, and the information (K, m, m), after one (l,), of this inverse covariance (l,
+    l), of which each metre makes `in_it` (l, K, m)."""
+    rows, K, m = in_it.shape
+    weighed = weight.dot(in_it.reshape(rows, -1))
+    told = innovation_m.dot(weighed).reshape(K, m)
+    told += alike.told
+    products = weighed.reshape(rows, K, m, 1) * in_it[:, :, None]
+    information = alike.information + products[0]
+    for more in products[1:]:
+        information += more
+    return told, information
+
+
+def _off_m(alike: Alike, seen: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """As Alike.off_m, of what is `seen` (l, K, m) of each metre."""
+    (n_rows, K, m), information = seen.shape, alike.information
+    white = np.empty((m, n_rows + 1, K))
+    white[:, :n_rows], white[:, n_rows] = seen.transpose(2, 0, 1), alike.told.T
+    root = np.sqrt(information[:, 0, 0])
+    white[0] /= root
+    if m == 2:
+        along = information[:, 0, 1] / root
+        white[1] -= along * white[0]
+        white[1] /= np.sqrt(information[:, 1, 1] - along * along)
+    rows, told = white[:, :n_rows], white[:, n_rows:]
+    spread = np.empty((3, K))
+    spread[:2], spread[2] = _summed(rows * rows), _summed(rows[:, 0] * rows[:, -1])
+    return _summed(rows * told), spread
+
+
+def _summed(terms: FloatArray) -> FloatArray:
+    """The sum over the first axis, of one or two."""
+    return np.asarray(terms[0] if len(terms) == 1 else terms[0] + terms[1])
+
+
+def _spoken_for(alike: Alike, seen: FloatArray, z: Taken, wrong: float) -> FloatArray:
     """(K,) by how much less likely a measurement is where the filter is off by each than where it is right: at least as its own
     probability of being wrong, at most 1. Where the filter is off, it lies at minus that."""
-    off_m, spread_m2 = alike.off_m(z.H)
-    there, det_there = _squared(z.innovation_m + off_m, z.S + spread_m2)
-    here, det_here = _squared(z.innovation_m[None], z.S[None])
-    ratio = np.exp((here - there) / 2) * np.sqrt(det_here / det_there)
-    return np.asarray(np.minimum(np.maximum(ratio, wrong), 1.0))
+    off_m, spread_m2 = _off_m(alike, seen)
+    S = np.array((z.S[0, 0], z.S[-1, -1], z.S[0, -1]))[:, None]
+    off_m += z.innovation_m[:, None]
+    spread_m2 += S
+    more = _surprise(off_m, spread_m2) - _surprise(z.innovation_m[:, None], S)
+    more *= -0.5
+    return np.minimum(np.maximum(np.exp(more, out=more), wrong, out=more), 1.0, out=more)
 
 
-def _squared(off_m: FloatArray, S: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Normalised squares (K,) of offsets (K, m) with covariances S (K, m, m), m of 1 or 2, and the determinants (K,) of these."""
-    if off_m.shape[1] == 1:
-        return off_m[:, 0] ** 2 / S[:, 0, 0], S[:, 0, 0]
-    (a, b), aa, ab, bb = off_m.T, S[:, 0, 0], S[:, 0, 1], S[:, 1, 1]
-    det = aa * bb - ab * ab
-    return (bb * a * a - 2 * ab * a * b + aa * b * b) / det, det
+def _surprise(off_m: FloatArray, S: FloatArray) -> FloatArray:
+    """Normalised squares (K,) of offsets (l, K), l of 1 or 2, with variances and covariance S (3, K) (Alike.off_m), with the
+    logarithms of the determinants of these."""
+    first_m2, last_m2, both_m2 = S
+    if len(off_m) == 1:
+        return np.asarray(off_m[0] ** 2 / first_m2 + np.log(first_m2))
+    first, last = off_m
+    along = both_m2 / first_m2
+    rest_m2, rest = last_m2 - along * both_m2, last - along * first
+    return np.asarray(first * first / first_m2 + rest * rest / rest_m2 + np.log(first_m2 * rest_m2))
 
 
 def _likely(alike: Alike) -> Alike:
@@ -174,8 +226,9 @@ def _likely(alike: Alike) -> Alike:
 
 
 def _chosen(alike: Alike, keep: NDArray[np.bool_]) -> Alike:
-    if keep.all():
+    at, kept = keep.nonzero()[0], keep.tolist()
+    if len(at) == len(kept):
         return alike
-    methods = tuple(each for each, kept in zip(alike.methods, keep.tolist(), strict=True) if kept)
-    since_ns = alike.since_ns[keep]
-    return Alike(alike.by[:, keep], alike.information[keep], alike.told[keep], alike.probability[keep], since_ns, methods)
+    methods = tuple(compress(alike.methods, kept))
+    told, probability, since_ns = alike.told.take(at, 0), alike.probability.take(at), alike.since_ns.take(at)
+    return Alike(alike.by.take(at, 1), alike.information.take(at, 0), told, probability, since_ns, methods)

@@ -90,7 +90,6 @@ OWN = _of_own()
 MOVING = np.array([0, 1, 4, 5, 6, 7, 10])
 """States by which the position goes on: itself, the errors of velocity, acceleration and heading."""
 NEAR = (N_STATES * MOVING[:, None] + MOVING).ravel()
-ADJUGATE = np.array([[1.0, -1.0], [-1.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +177,7 @@ def updated(
     n_considered: int,
     t_ns: int | None = None,
 ) -> Solutions:
-    """With a measurement z (m,), R (m, m) of H x, H (m, n), taken by some of them (K,), Joseph's form, no gate.
+    """With a measurement z (m,), R (m, m) of H x, H (m, n), m of 1 or 2, taken by some of them (K,), no gate.
 
     The last `n_considered` states keep mean and variance (kalman.update). `t_ns`: of a fix that they rest on from now on.
     """
@@ -197,25 +196,30 @@ def updated(
 
 
 def _update(x: FloatArray, P: FloatArray, z: FloatArray, R: FloatArray, H: FloatArray, n_considered: int) -> None:
-    """Means (K, n) and covariances (K, n, n) with the measurement, in place."""
-    learned = H.shape[1] - n_considered  # what is only considered keeps its rows among themselves
-    PHt = _times(P, H.T)
-    gain = PHt[:, :learned] @ inverses(H @ PHt + R)
-    gain_T, innovation = gain.transpose(0, 2, 1), z - x.dot(H.T)
-    rows = P[:, :learned] - gain @ PHt.transpose(0, 2, 1)  # (I - K H) P
-    rows[:, :, :learned] += (gain @ R - _times(rows, H.T)) @ gain_T  # times (I - K H)', and K R K'
-    square = rows[:, :, :learned]
-    np.divide(square + square.transpose(0, 2, 1), 2, out=square)
-    x[:, :learned] += (gain @ innovation[:, :, None])[:, :, 0]
-    P[:, :learned], P[:, learned:, :learned] = rows, rows[:, :, learned:].transpose(0, 2, 1)
+    """Means (K, n) and covariances (K, n, n) with the measurement, in place.
 
-
-def inverses(S: FloatArray) -> FloatArray:
-    """Of positive definite matrices (K, m, m), m of 1 or 2."""
-    if S.shape[1] == 1:
-        return np.asarray(1 / S)
-    det = S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] * S[:, 1, 0]
-    return np.asarray(S[:, ::-1, ::-1] * ADJUGATE / det[:, None, None])
+    The innovations' covariances S are products of triangles, U' U (Cholesky). With V = U'^-1 H P, an update by the gain P H' S^-1
+    makes them x + V' U'^-1 (z - H x) and P - V' V; what is only considered keeps its mean, and its rows among themselves.
+    """
+    (K, n), m = x.shape, len(z)
+    learned = n - n_considered
+    V, white = H.dot(P.reshape(-1, n).T).reshape(m, K, n), (z - x.dot(H.T)).T
+    S = V.reshape(-1, n).dot(H.T).reshape(m, K, m)
+    root = np.sqrt(S[0, :, 0] + R[0, 0])
+    V[0] /= root[:, None]
+    white[0] /= root
+    if m == 2:
+        along = (S[0, :, 1] + R[0, 1]) / root
+        root = np.sqrt(S[1, :, 1] + R[1, 1] - along * along)
+        V[1] -= along[:, None] * V[0]
+        V[1] /= root[:, None]
+        white[1] -= along * white[0]
+        white[1] /= root
+    V_learned = V[:, :, :learned]
+    for moved in V_learned * white[:, :, None]:
+        x[:, :learned] += moved
+    P[:, :learned] -= np.ascontiguousarray(V_learned.transpose(1, 2, 0)) @ np.ascontiguousarray(V.transpose(1, 0, 2))
+    P[:, learned:, :learned] = P[:, :learned, learned:].transpose(0, 2, 1)
 
 
 def _times(P: FloatArray, A: FloatArray) -> FloatArray:
@@ -280,8 +284,9 @@ def _beside(
 ) -> Solutions:
     """As `beside`; of all, those before and the new ones, only the `likely` ones."""
     (x, P, rested_ns), K = state, len(solutions)
-    all_probability = np.concatenate([solutions.probability, [probability] * len(kinds)])
-    all_rested_ns = np.concatenate([solutions.rested_ns, np.full(len(kinds), rested_ns, np.int64)])
+    all_probability, all_rested_ns = np.empty(K + len(kinds)), np.empty(K + len(kinds), np.int64)
+    all_probability[:K], all_probability[K:] = solutions.probability, probability
+    all_rested_ns[:K], all_rested_ns[K:] = solutions.rested_ns, rested_ns
     all_leaves, all_left = (*solutions.leaves, *kinds), (*solutions.left, *[left] * len(kinds))
     keep = likeliest(all_probability) if likely else np.ones(len(all_leaves), np.bool_)
     at, kept = keep.nonzero()[0], keep.tolist()
@@ -317,12 +322,13 @@ def apart(solutions: Solutions, x: FloatArray, P: FloatArray, H: FloatArray = H_
     ones = np.array([k for k, leaves in enumerate(solutions.leaves) if leaves == ONE], np.intp)
     if not len(ones):
         return solutions
-    variance = float(H.dot(P).dot(H.T).trace())
+    weights = H.T.dot(H).ravel()  # the trace of H P H' is the sum of P with these
+    variance = float(weights.dot(P.ravel()))
     off = (solutions.x.take(ones, 0) - x).dot(H.T)
     near = ones[np.add.reduce(off * off, 1) < MERGED_SIGMA**2 * variance]
     if not len(near):
         return solutions
-    same = (H @ solutions.P.take(near, 0) * H).sum((1, 2)) < MERGED_VARIANCE * variance
+    same = solutions.P.take(near, 0).reshape(len(near), -1).dot(weights) < MERGED_VARIANCE * variance
     keep = np.ones(len(solutions), np.bool_)
     keep[near] = ~same
     return chosen(solutions, keep)

@@ -254,17 +254,20 @@ class HeightFilter:
 
     def protection_level_m(self, t_ns: int, h_amsl_m: float, height_above_home_m: float) -> float:
         """Bound of the error of an autopilot's height at a time (integrity.py)."""
-        belief = carried(self._doubted(t_ns), t_ns, self._settings)
-        H, without, alike = np.array([1.0, self.climbed_m(h_amsl_m)]), belief.without, belief.alike
-        ours_m, ours_m2 = float(H @ belief.x), float(H @ belief.P @ H)
-        known = [(ours_m, ours_m2, 1.0)]
+        belief, climbed_m = self._doubted(t_ns), self.climbed_m(h_amsl_m)
+        walked_m2, without, alike = _walked_m2(belief, t_ns, self._settings), belief.without, belief.alike
+        H = np.array([1.0, climbed_m])
+        var_of = np.array([1.0, climbed_m, climbed_m, climbed_m * climbed_m])  # of a covariance (2, 2), row by row
+        ours_m, ours_m2 = float(H.dot(belief.x)), float(var_of.dot(belief.P.ravel())) + walked_m2
         refused = [] if belief.refused is None else [belief.refused]
-        known += [(each.offset_m, each.var_m2, JUMPED) for each in (*refused, *_repeated(belief, t_ns))]
-        offset_m, var_m2, probability = np.array(known).T
+        known = [(each.offset_m, each.var_m2, JUMPED) for each in (*refused, *_repeated(belief, t_ns))]
+        n, K = 1 + len(known), 1 + len(known) + len(without)
+        offset_m, var_m2, probability = np.empty((3, K + len(alike)))
+        offset_m[:n], var_m2[:n], probability[:n] = zip((ours_m, ours_m2, 1.0), *known, strict=True)
         off_m, spread_m2 = alike.off_m(H[None])
-        offset_m = np.concatenate([offset_m, without.x @ H, ours_m - off_m[:, 0]])
-        var_m2 = np.concatenate([var_m2, (without.P @ H) @ H, ours_m2 + spread_m2[:, 0, 0]])
-        probability = np.concatenate([probability, without.probability, alike.probability])
+        offset_m[n:K], offset_m[K:] = without.x.dot(H), ours_m - off_m[0]
+        var_m2[n:K], var_m2[K:] = without.P.reshape(-1, 4).dot(var_of) + walked_m2, ours_m2 + spread_m2[0]
+        probability[n:K], probability[K:] = without.probability, alike.probability
         return integrity.vertical_protection_level_m(offset_m, var_m2, probability, height_above_home_m, self._settings)
 
 

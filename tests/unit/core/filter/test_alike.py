@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from visloc_companion.core import kalman
 from visloc_companion.core.estimator import PositionFilter
@@ -45,9 +47,29 @@ def after(*fixes: Taken) -> Alike:
     return found
 
 
+def off_by(found: Alike, H: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """By how much H x, H (l, n), is off, mean (K, l), and the covariance (K, l, l) of that beside the filter's own."""
+    off_m, (first, last, both) = found.off_m(H)
+    return off_m.T, np.array([[first, both], [both, last]])[: len(H), : len(H)].transpose(2, 0, 1)
+
+
+@given(st.integers(0, 2**32), st.sampled_from([1, 2]), st.sampled_from([1, 2]))
+def test_how_far_it_is_off_is_what_the_inverse_of_the_information_says(seed: int, rows: int, m: int) -> None:
+    rng = np.random.default_rng(seed)
+    K, n = int(rng.integers(0, 6)), 4
+    roots, by, told, seen = (rng.normal(size=size) for size in ((K, m, m), (n, K, m), (K, m), (rows, n)))
+    information = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(m)
+    many = Alike(by, information, told, np.zeros(K), np.zeros(K, np.int64), ("deep",) * K)
+    off_m, spread_m2 = off_by(many, seen)
+    for k in range(K):
+        each, inverse = seen @ by[:, k], np.linalg.inv(information[k])
+        np.testing.assert_allclose(off_m[k], each @ inverse @ told[k], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(spread_m2[k], each @ inverse @ each.T, rtol=1e-9, atol=1e-9)
+
+
 def test_a_fix_founds_what_it_moved_the_filter_by_known_as_the_filter_was() -> None:
     found = after(taken(5.0))
-    off_m, spread_m2 = found.off_m(H)
+    off_m, spread_m2 = off_by(found, H)
     assert off_m[0].tolist() == pytest.approx([4.5, 0.0])
     assert spread_m2[0] + 0.9 * np.eye(2) == pytest.approx(9.0 * np.eye(2))  # 0.9: what the filter claims with the fix
     assert found.probability.tolist() == [0.01]
@@ -58,7 +80,7 @@ def test_over_the_same_ground_it_stays_as_probable_and_nearly_all_of_it_is_follo
     found = after(taken(5.0), *[taken(0.5), taken(0.05), *[taken(0.0)] * 18])
     assert len(found) == 1
     assert found.probability.tolist() == [0.01]
-    assert found.off_m(H)[0][0, 0] == pytest.approx(5.0, rel=1e-3)
+    assert off_by(found, H)[0][0, 0] == pytest.approx(5.0, rel=1e-3)
 
 
 CONSTANT_VELOCITY = np.array([[1.0, 0.5], [0.0, 1.0]])
@@ -112,7 +134,7 @@ def test_how_far_the_filter_is_off_is_known_as_well_as_it_says(odometry: bool) -
         seen_m = places + rng.standard_normal(N_FIXES) + rng.uniform(-20, 20) * (np.arange(N_FIXES) >= FROM)
         told = speeds + 0.2 * rng.standard_normal(N_FIXES) if odometry else None
         x, P, found = folded(seen_m, told)
-        off_m, spread_m2 = found.off_m(PLACE)
+        off_m, spread_m2 = off_by(found, PLACE)
         squares.append((x[0] - off_m[0, 0] - truth[0]) ** 2 / (P[0, 0] + spread_m2[0, 0, 0]))
     assert float(np.mean(squares)) == pytest.approx(1.0, abs=3 * math.sqrt(2 / 2000))
 
@@ -121,10 +143,10 @@ def test_odometry_tells_what_the_filter_has_followed() -> None:
     """A velocity that the filter has from the offset alone: where odometry says that there is none, the offset is the larger for
     it and better known, and where it finds the filter right there is the less of it."""
     before = folded(6.0 * (np.arange(N_FIXES) >= FROM))[2]
-    S, gain, half = 0.1 * np.eye(1), np.zeros((2, 1)), before.off_m(SPEED)[0][0] / 2
+    S, gain, half = 0.1 * np.eye(1), np.zeros((2, 1)), off_by(before, SPEED)[0][0] / 2
     right, wrong = alike.measured(before, 0 * half, S, SPEED, gain), alike.measured(before, -4 * half, S, SPEED, gain)
-    assert wrong.off_m(PLACE)[1][0, 0, 0] < before.off_m(PLACE)[1][0, 0, 0]
-    assert right.off_m(PLACE)[0][0, 0] < before.off_m(PLACE)[0][0, 0] < wrong.off_m(PLACE)[0][0, 0]
+    assert off_by(wrong, PLACE)[1][0, 0, 0] < off_by(before, PLACE)[1][0, 0, 0]
+    assert off_by(right, PLACE)[0][0, 0] < off_by(before, PLACE)[0][0, 0] < off_by(wrong, PLACE)[0][0, 0]
 
 
 def test_a_state_that_stands_for_something_else_is_off_by_none() -> None:
@@ -155,8 +177,8 @@ def test_another_method_that_lies_where_the_offset_says_does_not_speak_against_i
 def test_a_position_that_is_no_fix_speaks_as_another_method_does() -> None:
     before = after(taken(20.0, sigma_m=20.0))
     position = Taken(0, "", 0.0, 1.0, np.zeros(2), np.eye(2), H, np.zeros((2, 2)))
-    found, ((off_m, _),) = alike.after_other(before, position), before.off_m(H)[0]
-    wider = 1 + float(before.off_m(H)[1][0, 0, 0])
+    found, ((off_m, _),) = alike.after_other(before, position), off_by(before, H)[0]
+    wider = 1 + float(off_by(before, H)[1][0, 0, 0])
     assert found.probability[0] == pytest.approx(max(CLAIM_FLOOR, 1 / wider * math.exp(-0.5 * off_m**2 / wider)) * 0.01)
     nothing = alike.none(2, 2)
     assert alike.after_other(nothing, position) is nothing
