@@ -119,9 +119,9 @@ class PositionFilter:
 
     def at(self, t_ns: int) -> NavState:
         """The state at a time: between inputs, or propagated beyond the last."""
-        k, belief = self._belief_at(t_ns, alone=True)
+        around, belief = self._belief_at(t_ns, alone=True)
         x = belief.x.tolist()
-        (north, east), (b_north, b_east), around = x[POSITION], x[VELOCITY], self._around(k)
+        (north, east), (b_north, b_east) = x[POSITION], x[VELOCITY]
         v_north, v_east = velocity_at(t_ns, around)
         extra = self._settings.map_sigma_m**2
         (nn, ne), (_, ee) = belief.P[POSITION, POSITION].tolist()
@@ -150,25 +150,22 @@ class PositionFilter:
     def stood(self, t_ns: int, stood_ns: int) -> None:
         """The clock showed no more than t_ns for so long: the vehicle went on by that, at a velocity known no better than where
         none arrives. What bears an earlier time is TooOld from now on, for two moments bear it."""
-        k, belief = self._belief_at(t_ns, alone=False)
-        before, _ = self._around(k)
+        (before, _), belief = self._belief_at(t_ns, alone=False)
         gone = self._carried(belief, t_ns + stood_ns, (before, None))
         self._begin_anew(t_ns, revised.stood(gone, stood_ns * 1e-9), before)
 
     def leapt(self, t_ns: int, leapt_ns: int, since_ns: int) -> None:
         """The clock counted so much, from since_ns on, that did not go by: the vehicle is as much further back, at a velocity
         known no better than where none arrives. A fix of after the leap has said so already."""
-        k, belief = self._belief_at(t_ns, alone=False)
+        (before, _), belief = self._belief_at(t_ns, alone=False)
         if belief.last_fix_ns is not None and belief.last_fix_ns > since_ns:
             return
-        before, _ = self._around(k)
         v_north, v_east, _ = self.at(t_ns).v_ned_mps
         self._begin_anew(t_ns, revised.leapt(belief, (v_north, v_east), leapt_ns * 1e-9), before)
 
     def dragged(self, t_ns: int, sigma_m: float) -> None:
         """The position may have been dragged away by so much (1-sigma) in a way that nothing contradicted."""
-        k, belief = self._belief_at(t_ns, alone=False)
-        before, _ = self._around(k)
+        (before, _), belief = self._belief_at(t_ns, alone=False)
         self._begin_anew(t_ns, refused.dragged(belief, sigma_m), before)
 
     def doubt_lens(self, share: float, per_focal_ne_m: Vec2) -> None:
@@ -276,20 +273,21 @@ class PositionFilter:
         north, east = start.travel_ne_m[0] + north * dt, start.travel_ne_m[1] + east * dt
         return belief.travel_ne_m[0] - north, belief.travel_ne_m[1] - east
 
-    def _belief_at(self, t_ns: int, *, alone: bool) -> tuple[int, Belief]:
-        """How many inputs are no later than a time, and the belief carried to it; `alone`: its other solutions are not needed.
+    def _belief_at(self, t_ns: int, *, alone: bool) -> tuple[Around, Belief]:
+        """The velocities around a time, and the belief carried to it; `alone`: its other solutions are not needed.
 
         The last answer is kept: within one event of the navigator the same time is asked about again and again.
         """
         asked = self._asked
         if asked is not None and asked.t_ns == t_ns and (alone or not asked.alone):
-            return asked.k, asked.belief
+            return asked.around, asked.belief
         log = self._log
         k = len(log) if not log or t_ns >= log[-1].t_ns else bisect_right(log, t_ns, key=_time)
         alone = alone and k < len(log)  # of the present state the protection level is asked, too
-        belief = self._predicted(self._after(k), t_ns, self._around(k), alone=alone)
-        self._asked = _Asked(t_ns, k, belief, alone)
-        return k, belief
+        around = self._around(k)
+        belief = self._predicted(self._after(k), t_ns, around, alone=alone)
+        self._asked = _Asked(t_ns, around, belief, alone)
+        return around, belief
 
     def _predicted(self, belief: Belief, t_ns: int, around: Around, *, alone: bool = False) -> Belief:
         """The belief carried to a time, with what a velocity that is overdue claims."""
@@ -339,10 +337,10 @@ class PositionFilter:
 
 
 class _Asked(NamedTuple):
-    """A belief carried to a time, after the first k inputs; `alone`: without its other solutions."""
+    """A belief carried to a time, between these velocities; `alone`: without its other solutions."""
 
     t_ns: int
-    k: int
+    around: Around
     belief: Belief
     alone: bool
 

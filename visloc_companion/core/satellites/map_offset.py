@@ -113,10 +113,8 @@ class MapOffset:
         self._differences = _Differences()
         self._told: set[str] = set()
         self._borne_out = False
-        self._lag_s = 0.0
+        self._lag_s = self._lag_m = self._mean_m = 0.0
         self._place_fits = True
-        self.distance_m = 0.0
-        """Length of the mean difference, or that of a lag; 0 while too little is known."""
         self.sigma_m = map_sigma_m
         """1-sigma of the map on each axis: as configured, or half of what fixes do not claim of the distance, where GNSS does not
         explain that."""
@@ -137,16 +135,27 @@ class MapOffset:
         self._differences.until(t_ns - SOILED_NS)
         self._average()
 
+    @property
+    def distance_m(self) -> float:
+        """Length of the mean difference, or that of a lag; 0 while too little is known."""
+        if not self._enough:
+            return 0.0
+        mean_m, off = self._mean_m, self._differences.off
+        if self._borne_out and len(off):  # a GNSS that has just jumped, and is not suspect yet, moves the mean by a part of that
+            mean_m = min(mean_m, math.hypot(median(off.real), median(off.imag)))
+        offset_m = max(mean_m, self._lag_m)
+        return offset_m if self._borne_out or offset_m <= MOST_M else 0.0
+
+    @property
+    def _enough(self) -> bool:
+        return len(self._differences) >= (FEWEST if self._borne_out else BORNE_OUT_BY)
+
     def _average(self) -> None:
         n, off = len(self._differences), self._differences.off
-        mean_m = abs(complex(off.mean())) if n else 0.0
-        self._borne_out |= n >= BORNE_OUT_BY and mean_m <= self._explained_m
-        enough = n >= FEWEST if self._borne_out else n >= BORNE_OUT_BY
-        self._lag_s, lag_m, self._place_fits = self._lagging(off, self._differences.v) if enough else (0.0, 0.0, True)
-        if self._borne_out and n:  # a GNSS that has just jumped, and is not suspect yet, moves the mean by a part of that
-            mean_m = min(mean_m, math.hypot(median(off.real), median(off.imag)))
-        offset_m = max(mean_m, lag_m)
-        self.distance_m = offset_m if enough and (self._borne_out or offset_m <= MOST_M) else 0.0
+        self._mean_m = abs(complex(off.mean())) if n else 0.0
+        self._borne_out |= n >= BORNE_OUT_BY and self._mean_m <= self._explained_m
+        lagging = self._lagging(off, self._differences.v) if self._enough else (0.0, 0.0, True)
+        self._lag_s, self._lag_m, self._place_fits = lagging
         self.sigma_m = self._sigma_m()
 
     def _lagging(self, off: ComplexArray, v: ComplexArray) -> tuple[float, float, bool]:
@@ -170,6 +179,8 @@ class MapOffset:
         return BEYOND_SIGMAS * math.hypot(GNSS_SIGMA_M, self._map_sigma_m)
 
     def _sigma_m(self) -> float:
+        if max(self._mean_m, self._lag_m) <= self._explained_m:  # as it mostly is: the distance is no longer
+            return self._map_sigma_m
         known = self._differences
         left_m = unclaimed_m(self.distance_m, float(known.claimed_m2.mean()), known.gone) if len(known) else self.distance_m
         return self._map_sigma_m if left_m <= self._explained_m else max(self._map_sigma_m, left_m / 2)
