@@ -96,8 +96,10 @@ def _least_m(radius_m: float, beyond: Callable[[float], tuple[float, float]], ri
 
     `beyond`: what is left beyond a radius, which falls with it from more than the risk, and by how much a metre more takes off.
     Looked for from a radius on by Newton's method on the logarithm of what is left: as that of a Gaussian tail it bends down, so
-    the next radius is rather too large. Only a radius that was tried, and enough, is given.
+    the next radius is rather too large. Only a radius that was tried, and enough, is given; none is where the first is no number.
     """
+    if not math.isfinite(radius_m):
+        return math.inf
     too_small_m, enough_m, n = 0.0, math.inf, 0
     while True:
         left, slope_per_m = beyond(radius_m)

@@ -166,6 +166,16 @@ def test_no_radius_is_below_the_least_one_that_is_enough_and_none_far_above(seed
         assert found_m <= 1.002 * least(beyond, found_m, risk)
 
 
+@pytest.mark.parametrize("which", range(3))
+@pytest.mark.parametrize("find", [integrity.in_plane_m, integrity.on_line_m])
+def test_what_is_no_number_has_no_radius(find: Callable[..., float], which: int) -> None:
+    """Rather no position is good enough than each."""
+    places = [np.array([0.0, 2.0, 3.0]), np.array([1.0, 1.0, 1.0]), np.array([1.0, 0.1, 0.1])]
+    assert math.isfinite(find(*places, 1e-5))
+    places[which][1] = math.nan
+    assert find(*places, 1e-5) == math.inf
+
+
 def test_few_radii_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of places as flights have them: some eighty, none far off for its sigma."""
     tried, beside = [], integrity.beside
