@@ -2,7 +2,7 @@
 
 The search compares what stands out of the upper surface (high-passed at 8 m): unlike heights, that knows no tilt, no bowl and
 no growth of a whole forest. The few best places are refined, and the one that all looks at the ground favour is taken; where it
-hardly leads by them, what stands out at 2 m is searched too.
+hardly leads by them, what stands out at 2 m is searched too, and the slopes of the ground.
 """
 
 from __future__ import annotations

@@ -1,0 +1,132 @@
+"""Places of ground on which nothing stands, by its slopes."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.unit.localise.registration.conftest import at_places, cloud
+from visloc_companion.localise.registration.base import Registered, RegistrationPrior
+from visloc_companion.localise.registration.choice import Choice
+from visloc_companion.localise.registration.height_map import HeightMap
+from visloc_companion.localise.registration.height_search import HeightSearchRegistration
+from visloc_companion.localise.registration.pair import Pair, make_pair
+from visloc_companion.localise.registration.similarity import moved, turned, with_linear
+from visloc_companion.localise.registration.slopes import ground_of, slopes_of
+
+SIDE_M = 300
+TRUE_M = np.array([24.0, -31.0])
+PRIOR = RegistrationPrior(40.0, 3.0, np.radians(3.0), np.radians(0.5), 0.01)
+
+
+def fields(seed: int) -> np.ndarray:
+    """(SIDE_M, SIDE_M) crops of four parcels, up to 1 m high, parted at random."""
+    rng, crops = np.random.default_rng(seed), np.zeros((SIDE_M, SIDE_M))
+    u, v = rng.integers(SIDE_M // 3, 2 * SIDE_M // 3, 2)
+    for rows in (slice(None, v), slice(v, None)):
+        for cols in (slice(None, u), slice(u, None)):
+            crops[rows, cols] = rng.uniform(0, 1)
+    return crops
+
+
+def bare(seed: int = 3) -> np.ndarray:
+    """(SIDE_M, SIDE_M) heights of gentle ground, a slope of 0.05."""
+    grid = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal((SIDE_M, SIDE_M)), (0, 0), 25)
+    return grid * (0.05 / np.gradient(grid)[0].std())
+
+
+@pytest.fixture(scope="module")
+def farmland() -> tuple[np.ndarray, np.ndarray]:
+    """Source and reference of gentle ground with other parcels than before; the source lies TRUE_M from where it belongs."""
+    rng = np.random.default_rng(8)
+    reference = cloud(at_places(bare() + fields(1), SIDE_M / 2), rng, np.zeros(2), SIDE_M - 20, 1.0, 0.05)
+    source = cloud(at_places(bare() + fields(2), SIDE_M / 2), rng, TRUE_M, 66, 4.0, 0.15)
+    return source - np.append(TRUE_M, 0.0), reference
+
+
+def pair_of(clouds: tuple[np.ndarray, np.ndarray], prior: RegistrationPrior = PRIOR) -> Pair:
+    pair = make_pair(*clouds, prior)
+    assert isinstance(pair, Pair)
+    return pair
+
+
+def off_m(pair: Pair, T: np.ndarray) -> float:
+    return float(np.hypot(*(moved(T, pair.centre_m) - pair.centre_m)[:2] - TRUE_M))
+
+
+def test_slopes_are_rise_over_run_to_the_east_and_north():
+    east, north = np.meshgrid(np.arange(60) * 1.5, np.arange(50) * 1.5)
+    plane = (0.04 * east - 0.02 * north).astype(np.float32)
+    found = slopes_of(HeightMap(plane, np.ones(plane.shape, np.bool_), np.array([100.0, 200.0]), 1.5))
+    assert found.cell_m == 1.5
+    np.testing.assert_allclose(found.slope[15:-15, 15:-15], 0.04 - 0.02j, atol=1e-4)
+    coarse = slopes_of(HeightMap(plane, np.ones(plane.shape, np.bool_), np.array([100.0, 200.0]), 0.5))
+    assert coarse.cell_m == 2.0
+    np.testing.assert_allclose(coarse.corner_m + coarse.cell_m / 2, np.array([100.0, 200.0]) + 2.5 * 0.5)
+
+
+def test_what_stands_and_ends_hardly_counts_beside_the_ground():
+    plane = (0.03 * np.arange(80) * np.ones((80, 1))).astype(np.float32)
+    plane[38:43, 38:43] += 5.0
+    found = slopes_of(HeightMap(plane, np.ones(plane.shape, np.bool_), np.zeros(2), 1.0))
+    assert np.abs(found.slope[19, 19:21] - 0.03).max() < 0.01
+
+
+def test_ground_on_which_only_crops_stand_is_found_by_its_slopes(farmland):
+    pair = pair_of(farmland)
+    ground = ground_of(pair, PRIOR)
+    assert off_m(pair, ground.starts(1)[0]) < 4
+    away = [T for T in ground.starts(4) if off_m(pair, T) > 10]
+    assert ground.at(ground.starts(1)[0]) == pytest.approx(ground.most)
+    assert ground.most - max(ground.at(T) for T in away) > 5
+
+
+def test_a_doubtful_place_is_taken_where_the_slopes_lead_to(farmland):
+    source, reference = farmland
+    found = HeightSearchRegistration(1.0)(source, reference, PRIOR)
+    assert isinstance(found, Registered)
+    assert np.hypot(*(moved(found.T_reference_source, source).mean(0) - source.mean(0))[:2] - TRUE_M) < 4
+    assert found.probability_wrong > 0.05
+
+
+@pytest.mark.parametrize(("tilt_rad", "bowl_m", "yaw_rad"), [(0.008, 0.0, 0.0), (0.0, 0.6, 0.0), (0.0, 0.0, np.radians(80))])
+def test_a_lean_a_bowl_and_a_heading_are_taken_out(farmland, tilt_rad, bowl_m, yaw_rad):
+    source, reference = farmland
+    bent = source.copy()
+    bent[:, 2] += 1.5 * bowl_m * ((source[:, :2] / 33.0) ** 2).sum(1) / 2
+    middle = source.mean(0)
+    bent = moved(with_linear(turned(tilt_rad, 0.0, -yaw_rad), middle, middle), bent)
+    prior = RegistrationPrior(40.0, 3.0, np.radians(3.0) if not yaw_rad else np.radians(30), np.radians(0.5), 0.01)
+    pair = pair_of((bent, reference), prior)
+    assert off_m(pair, ground_of(pair, prior).starts(1)[0]) < 5
+
+
+def test_where_little_is_known_of_the_slopes_nothing_is_said(farmland):
+    source, reference = farmland
+    pair = pair_of((source, reference[reference[:, 0] < -40]))
+    ground = ground_of(pair, PRIOR)
+    beside = np.eye(4)
+    beside[:2, 3] = TRUE_M
+    assert ground.at(beside) == 0
+    beside[0, 3] = 1e4
+    assert ground.at(beside) == 0
+
+
+def test_where_the_prior_reaches_no_place_on_the_reference_there_is_none(farmland):
+    source, reference = farmland
+    pair = pair_of((source, reference + np.array([290.0, 0.0, 0.0])))
+    ground = ground_of(pair, PRIOR)
+    assert ground.nats.score.shape == (0, 0)
+    assert (ground.starts(4), ground.most, ground.at(np.eye(4))) == ([], 0.0, 0.0)
+
+
+def test_without_a_doubt_no_slopes_are_asked_for(scene, monkeypatch):
+    def asked(*_):
+        raise AssertionError
+
+    monkeypatch.setattr("visloc_companion.localise.registration.choice.ground_of", asked)
+    assert isinstance(HeightSearchRegistration(1.0)(scene.source_m, scene.reference_m, scene.prior), Registered)
+    pair = make_pair(scene.source_m, scene.reference_m, scene.prior)
+    assert isinstance(pair, Pair)
+    assert Choice(pair, scene.prior)
