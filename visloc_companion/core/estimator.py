@@ -13,7 +13,7 @@ from operator import attrgetter
 from typing import NamedTuple, cast
 
 from visloc_companion.core import integrity
-from visloc_companion.core.filter import contradiction, fusion, lasting, refused, revised, votes
+from visloc_companion.core.filter import by_gnss, contradiction, fusion, lasting, refused, revised, votes
 from visloc_companion.core.filter.belief import Belief, Position, blurred, lens_doubted, lens_known
 from visloc_companion.core.filter.driving import Around, Velocity, height_at, mean_and_change, velocity_at
 from visloc_companion.core.filter.motion import Motion, learned
@@ -22,11 +22,12 @@ from visloc_companion.core.filter.reckoned import Reckoned, reckoned
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.core.velocity import air_velocity
 from visloc_companion.geo import wgs84
+from visloc_companion.geo.se3 import euler_from_quat
 from visloc_companion.types import Accepted, Cov2, Fix, GeoPoint, NavState, Rejected, TooOld, Vec2
 
 HISTORY_NS = 6_000_000_000
 
-Input = Velocity | Position | Motion | air_velocity.AirError
+Input = Velocity | Position | Motion | air_velocity.AirError | by_gnss.BesideGnss
 Outcome = Accepted | Rejected | None
 _time = attrgetter("t_ns")
 
@@ -62,9 +63,9 @@ class PositionFilter:
     @property
     def rests(self) -> Belief:
         """A belief that rests on the same start and fixes as the newest: velocities after the last measurement change nothing of
-        that, and need not be folded for it only to be folded again after a late fix."""
+        that (nor does a GNSS beside it), and need not be folded for it only to be folded again after a late fix."""
         n = len(self._log)
-        while n > len(self._beliefs) and isinstance(self._log[n - 1], Velocity):
+        while n > len(self._beliefs) and isinstance(self._log[n - 1], Velocity | by_gnss.BesideGnss):
             n -= 1
         return self._after(n)
 
@@ -90,6 +91,7 @@ class PositionFilter:
             per_focal_ne_m=fix.per_focal_ne_m,
             view_ne_m=view_ne_m,
             spacing_m=spacing_m,
+            heading_rad=euler_from_quat(fix.q_ned_frd)[2],
         )
         return self._take(measured)
 
@@ -98,6 +100,15 @@ class PositionFilter:
         north, east, _ = wgs84.ned_from_geo(place, self._origin)
         cov: Cov2 = ((sigma_m**2, 0.0), (0.0, sigma_m**2))
         return self._take(Position(t_ns, (north, east), cov, from_fix=False))
+
+    def beside_gnss(self, t_ns: int, place: GeoPoint, sigma_m: float) -> None:
+        """Where a trusted GNSS has the vehicle: for the level alone (by_gnss.py). What is older than the memory, or no news, is
+        dropped."""
+        if t_ns < self._base.t_ns or not by_gnss.tells(self.rests, sigma_m**2):
+            return
+        north, east, _ = wgs84.ned_from_geo(place, self._origin)
+        self._insert(by_gnss.BesideGnss(t_ns, (north, east), sigma_m**2))
+        self._forget()
 
     def observe_motion(self, motion: Motion) -> Accepted | Rejected | TooOld:
         """Take what odometry says of an interval; TooOld where its start is beyond the memory."""
@@ -136,11 +147,11 @@ class PositionFilter:
             ((vnn, vne), (vne, vee)),
         )
 
-    def protection_level_m(self, t_ns: int) -> float:
-        """Horizontal protection level at a time (core/integrity.py)."""
+    def protection_level_m(self, t_ns: int, gnss_false: float = 1.0) -> float:
+        """Horizontal protection level at a time (core/integrity.py), where what GNSS told is false with this probability."""
         _, belief = self._belief_at(t_ns, alone=False)
         others = contradiction.beside(belief, self._settings)
-        level_m = integrity.protection_level_m(belief.x, belief.P, others, belief.alike, self._settings)
+        level_m = integrity.protection_level_m(belief.x, belief.P, others, belief.alike, self._settings, gnss_false)
         return integrity.aged(level_m, (t_ns - belief.rested_ns) * 1e-9)
 
     def reckoned(self, t_ns: int) -> Reckoned:
@@ -214,7 +225,7 @@ class PositionFilter:
         self._beliefs = [revised.shifted(belief, shift) for belief in self._beliefs]
         self._log = [
             replace(entry, p_ne_m=(entry.p_ne_m[0] + shift[0], entry.p_ne_m[1] + shift[1]))
-            if isinstance(entry, Position)
+            if isinstance(entry, Position | by_gnss.BesideGnss)
             else entry
             for entry in self._log
         ]
@@ -260,6 +271,8 @@ class PositionFilter:
             return fusion.with_velocity_trust(belief, entry.sigma_mps, entry.drive), None
         if isinstance(entry, Motion):
             return learned(belief, entry, self._travelled(belief, entry.t_from_ns), self._settings)
+        if isinstance(entry, by_gnss.BesideGnss):
+            return by_gnss.held(belief, entry, fusion.CONSIDERED[belief.drive]), None
         if isinstance(entry, air_velocity.AirError):
             return air_velocity.observed(belief, entry, self._settings)
         return fusion.observed(belief, entry, self._settings, self._max_step_m)
@@ -361,4 +374,6 @@ def _held_m(from_s: float, to_s: float) -> float:
 def _key(entry: Input) -> tuple[int, int, int]:
     if isinstance(entry, Velocity | air_velocity.AirError):
         return entry.t_ns, 0 if isinstance(entry, Velocity) else 1, 0
-    return (entry.t_ns, 2, entry.t_from_ns) if isinstance(entry, Motion) else (entry.t_ns, 3, entry.tie)
+    if isinstance(entry, Motion):
+        return entry.t_ns, 2, entry.t_from_ns
+    return (entry.t_ns, 3, entry.tie) if isinstance(entry, Position) else (entry.t_ns, 4, 0)

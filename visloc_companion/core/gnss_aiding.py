@@ -13,12 +13,13 @@ from visloc_companion.core.camera.scale_watch import ScaleWatch
 from visloc_companion.core.filter import claims, votes
 from visloc_companion.core.filter.lasting import apart_m
 from visloc_companion.core.filter.motion import Motion
+from visloc_companion.core.filter.refused import DRAGGED
 from visloc_companion.core.gnss import GnssMonitor
 from visloc_companion.core.modes import INJECTING
 from visloc_companion.core.requests import dragged_m
 from visloc_companion.core.satellites.gnss_odometry import Lens
 from visloc_companion.core.satellites.gnss_witness import Ground
-from visloc_companion.core.satellites.map_offset import Beside, MapOffset
+from visloc_companion.core.satellites.map_offset import GNSS_SIGMA_M, Beside, MapOffset
 from visloc_companion.core.settings import CoreSettings
 from visloc_companion.core.tracking import Tracker
 from visloc_companion.core.validate import is_place
@@ -44,6 +45,7 @@ class GnssAiding:
         self._tracker, self._monitor = tracker, monitor
         self._fused_ns: int | None = None
         self._rejected, self._rejected_since_ns, self._was_trusted = 0, 0, False
+        self._beside_ns: int | None = None
         self._by_fixes_ns: int | None = None
         self._by_gnss_ns: int | None = None
         """When fixes, and when GNSS, last had a part in where the filter is."""
@@ -71,8 +73,16 @@ class GnssAiding:
         gate_sigma = NEAR_SIGMA if goes_on and self._monitor.parted_before else self._settings.navigator.gate_sigma
         out = self._tracker.out_of_reach(t_ns, event.place, self._monitor.sigma_m(event), gate_sigma)
         self._monitor.on_reach(out, rests_on_fixes=rests is not None and rests.last_fix_ns is not None, goes_on=goes_on)
+        if holds and self._monitor.trusted:
+            self._tell_level(event, t_ns)
         told, self._told = self._told, []
         return [*told, *(self._keep_near(event, t_ns, mode) if holds else [])]
+
+    def _tell_level(self, event: Gnss, t_ns: int) -> None:
+        """Once a second, where the filter is if GNSS is right."""
+        if self._beside_ns is None or t_ns - self._beside_ns >= GNSS_INTERVAL_NS:
+            self._beside_ns = t_ns
+            self._tracker.beside_gnss(t_ns, event.place, max(GNSS_SIGMA_M, self._monitor.sigma_m(event)))
 
     @property
     def followed(self) -> bool:
@@ -154,11 +164,20 @@ class GnssAiding:
         """The verdict was passed. Where GNSS is trusted no more and alone has held the filter since the last fix, it may have
         dragged it away."""
         was_trusted, self._was_trusted = self._was_trusted, self._monitor.trusted
+        self._tracker.gnss_false = self._was_false(self._tracker.gnss_false)
         belief = self._tracker.rests
         if not was_trusted or self._was_trusted or belief is None or self._fused_ns is None:
             return
         if self._fused_ns > belief.rested_ns:
             self._tracker.dragged(now_ns, dragged_m((now_ns - belief.rested_ns) * 1e-9))
+
+    def _was_false(self, before: float) -> float:
+        """The probability that GNSS is false that holds the filter for its level, or was when it last did: where it is only lost
+        that stays as it was, where something speaks against it nobody knows since when."""
+        verdict = self._monitor.verdict
+        if self._monitor.trusted:
+            return max(DRAGGED, verdict.probability_false)
+        return 1.0 if verdict.verdict is Verdict.SUSPECT else before
 
     def on_motion(self, seen: Motion) -> None:
         """Hold what the camera saw of an interval against the receiver, once its position after it is there.

@@ -21,8 +21,9 @@ import numpy as np
 from scipy.special import erfc, i0e  # type: ignore[import-untyped]
 
 from visloc_companion.core.filter.alike import Alike
+from visloc_companion.core.filter.by_gnss import released
 from visloc_companion.core.filter.propagation import H_POSITION
-from visloc_companion.core.filter.separation import Solutions
+from visloc_companion.core.filter.separation import HELD, Solutions
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray
 
@@ -162,8 +163,15 @@ def round_about(middle_m2: float, reach_m2: float) -> FloatArray:
     return np.maximum(middle_m2 + reach_m2 * TURNED, LEAST_SHARE * (middle_m2 + reach_m2))
 
 
-def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, alike: Alike, settings: NavigatorSettings) -> float:
-    """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east."""
+def protection_level_m(
+    x: FloatArray, P: FloatArray, without: Solutions, alike: Alike, settings: NavigatorSettings, gnss_false: float = 1.0
+) -> float:
+    """Bound of the horizontal error of the filter's position; x (n,), P (n, n) begin with north and east.
+
+    Where a GNSS tells where the filter is, which is false with the probability `gnss_false`, the filter itself counts with that,
+    and what GNSS holds with the rest (by_gnss.py).
+    """
+    without = released(without) if gnss_false >= 1 else without
     (nn, ne), (_, ee) = P[:2, :2].tolist()
     out_m, (out_nns, out_nes, _, out_ees) = without.x[:, :2] - x[:2], without.position_m2
     (alike_north_m, alike_east_m), (more_nns, more_ees, more_nes) = alike.off_m(H_POSITION)
@@ -174,6 +182,9 @@ def protection_level_m(x: FloatArray, P: FloatArray, without: Solutions, alike: 
     variance_m2 += settings.map_sigma_m**2
     apart_m = np.concatenate((NOT_APART_M, np.hypot(out_m[:, 0], out_m[:, 1]), np.hypot(alike_north_m, alike_east_m)))
     probability = np.concatenate((CERTAIN, without.probability, alike.probability))
+    if HELD in without.leaves:
+        probability[:DIRECTIONS] *= gnss_false
+        probability[DIRECTIONS + without.leaves.index(HELD)] = 1 - gnss_false
     return in_plane_m(apart_m, np.sqrt(variance_m2), probability, settings.integrity_risk)
 
 

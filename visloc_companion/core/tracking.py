@@ -43,7 +43,7 @@ FLIES_MPS = 5.0
 class Tracker:
     """Position filter with the inputs that it keeps for it: velocity, the receiver's positions (`gnss`), and how far the
     autopilot's height (`height`) and heading (`heading`) are off. `max_step_m`: larger corrections are sent to the autopilot as
-    resets."""
+    resets. `gnss_false`: probability that GNSS was false when it last held the filter for its level (by_gnss.py)."""
 
     def __init__(self, settings: NavigatorSettings, max_step_m: float = MAX_STEP_M) -> None:
         self._settings, self._max_step_m = settings, max_step_m
@@ -51,12 +51,11 @@ class Tracker:
         self._velocity: Velocity | None = None
         self._odometry = OdometryAiding()
         self._inertial, self._velocity_boot_ns = InertialVelocity(), 0
-        self._forces, self._drag, self._pitot = Forces(), DragLearner(), PitotLearner()
+        self._forces, self._drag, self._pitot, self._teaching = Forces(), DragLearner(), PitotLearner(), Teaching()
         self._alone, self._drives_itself, self._sigma_a_mps2 = False, False, 0.0
-        self._teaching = Teaching()
         self.gnss = GnssTrack()
         self.height = HeightAiding(settings)
-        self.heading = HeadingPull()
+        self.heading, self.gnss_false = HeadingPull(), 1.0
         self.origin: GeoPoint | None = None
         self.height_above_home_m: float | None = None
         self.takeoff_unseen = self.restarted_aloft = False
@@ -136,13 +135,9 @@ class Tracker:
             stands = near and math.hypot(*velocity.v_ned_mps) < FLIES_MPS  # no thrust shakes its sensors, nothing tilts it
             self._inertial.anchor(t_boot_ns, velocity.v_ned_mps[:2], teaches=not alone and not stands)
         else:
-            v_ned_mps = (*v_ne_mps, velocity.v_ned_mps[2])
+            v_ned_mps, more_rad2 = (*v_ne_mps, velocity.v_ned_mps[2]), self.heading.more_rad2()
             velocity = replace(
-                velocity,
-                v_ned_mps=v_ned_mps,
-                drive=Drive.INERTIAL,
-                sigma_a_mps2=sigma_a,
-                more_heading_rad2=self.heading.more_rad2(),
+                velocity, v_ned_mps=v_ned_mps, drive=Drive.INERTIAL, sigma_a_mps2=sigma_a, more_heading_rad2=more_rad2
             )
         if self._filter is not None:
             self._filter.drive(velocity)
@@ -351,7 +346,7 @@ class Tracker:
 
     def protection_level_m(self, t_ns: int) -> float | None:
         """Horizontal protection level at a time; None before seeding."""
-        return None if self._filter is None else self._filter.protection_level_m(t_ns)
+        return None if self._filter is None else self._filter.protection_level_m(t_ns, self.gnss_false)
 
     def observe(self, fix: Fix) -> Accepted | Rejected | TooOld | None:
         """Take a fix; None before seeding."""
@@ -385,6 +380,11 @@ class Tracker:
     def _learn_motion(self, motion: Motion | None) -> None:
         if motion is not None and self._filter is not None:
             self._teach(motion.t_ns, self._filter.observe_motion(motion))
+
+    def beside_gnss(self, t_ns: int, place: GeoPoint, sigma_m: float) -> None:
+        """Take a trusted GNSS position for the level alone."""
+        if self._filter is not None:
+            self._filter.beside_gnss(t_ns, place, sigma_m)
 
     def observe_gnss(self, t_ns: int, place: GeoPoint, sigma_m: float) -> Accepted | Rejected | TooOld | None:
         """Take a trusted GNSS position; None before seeding."""

@@ -146,6 +146,56 @@ def test_no_drag_is_reckoned_with_where_fixes_came_until_now() -> None:
     assert level_m(rig) < 1.5 * before_m
 
 
+def told(gnss_north: float, seconds: int = 20) -> tuple[Rig, float]:
+    """A vehicle whose fixes claim 8 m and agree, beside a GNSS; and its level where nothing is made of that."""
+    rig = Rig()
+    for _ in range(seconds):
+        rig.tracker.observe(fix(rig.t, 0.0, 8.0))
+        rig.run(1, gnss_north)
+        rig.aiding.compare(fix(rig.t, 0.0))
+        rig.aiding.judged(round(rig.t * S))
+    false, rig.tracker.gnss_false = rig.tracker.gnss_false, 1.0
+    alone_m, rig.tracker.gnss_false = level_m(rig), false
+    return rig, alone_m
+
+
+def test_a_trusted_gnss_tells_how_far_off_fixes_are_that_claim_much() -> None:
+    rig, alone_m = told(0.0)
+    assert rig.tracker.gnss_false == max(0.01, rig.monitor.verdict.probability_false)
+    assert level_m(rig) < 0.9 * alone_m
+    assert level_m(rig) > 0.7 * alone_m
+    assert abs(rig.north()) < 0.01
+    elsewhere, alone_m = told(12.0)
+    assert level_m(elsewhere) > level_m(rig) + 3.0
+    assert abs(elsewhere.north()) < 0.01
+
+
+def test_what_a_gnss_told_that_is_jammed_is_kept() -> None:
+    rig, _ = told(0.0)
+    before = rig.tracker.gnss_false
+    jammed(rig)
+    assert rig.monitor.verdict.verdict is Verdict.DENIED
+    assert rig.tracker.gnss_false == before
+    kept_m, rig.tracker.gnss_false = level_m(rig), 1.0
+    assert kept_m < 0.95 * level_m(rig)
+
+
+def test_what_a_gnss_told_that_is_found_false_is_not() -> None:
+    """Nobody knows since when it was."""
+    rig, _ = told(0.0)
+    before_m = level_m(rig)
+    for _ in range(20):
+        rig.tracker.observe(fix(rig.t, 0.0, 8.0))
+        rig.run(1, 60.0)
+        rig.aiding.compare(fix(rig.t, 0.0))
+        rig.aiding.judged(round(rig.t * S))
+    assert rig.monitor.verdict.verdict is Verdict.SUSPECT
+    assert rig.tracker.gnss_false == 1.0
+    assert level_m(rig) > before_m
+    jammed(rig)
+    assert rig.tracker.gnss_false == 1.0
+
+
 def test_a_filter_that_keeps_refusing_starts_again_from_it() -> None:
     rig = Rig()
     rig.run(4, 500.0)

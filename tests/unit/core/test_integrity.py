@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from visloc_companion.core import integrity
 from visloc_companion.core.filter.belief import NEVER_OFF
-from visloc_companion.core.filter.separation import EVERY, NONE, Solutions
+from visloc_companion.core.filter.separation import EVERY, HELD, NONE, Solutions
 from visloc_companion.core.integrity import HEIGHT_SHARE, aged, gaussian, protection_level_m, vertical_protection_level_m
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray
@@ -97,6 +97,37 @@ def test_a_likely_wrong_match_holds_what_would_be_without_it() -> None:
     level = protection_level_m(ORIGIN, P, away(8.0, 1.0, 0.01), NEVER_OFF, SETTINGS)
     assert 0.01 * beside(8.0, level) <= 1e-5 < 0.01 * beside(8.0, 0.99 * level)
     assert protection_level_m(ORIGIN, P, away(8.0, 1.0, 1e-7), NEVER_OFF, SETTINGS) == pytest.approx(alone, rel=0.01)
+
+
+def told_by_gnss(north_m: float, sigma_m: float) -> Solutions:
+    return replace(away(north_m, sigma_m, 1.0), leaves=(HELD,), left=(frozenset(),))
+
+
+@pytest.mark.parametrize(("north_m", "sigma_m", "false"), [(0.0, 0.5, 0.01), (0.3, 0.5, 0.05), (2.0, 0.6, 0.01), (6.0, 0.5, 0.5)])
+def test_where_gnss_tells_the_filter_itself_counts_as_often_as_that_is_false(
+    north_m: float, sigma_m: float, false: float
+) -> None:
+    level = protection_level_m(ORIGIN, P, told_by_gnss(north_m, sigma_m), NEVER_OFF, SETTINGS, false)
+
+    def beyond(radius_m: float, tail: Callable[[float, float], float]) -> float:
+        return false * outside(0.8, radius_m) + (1 - false) * tail(north_m / sigma_m, radius_m / sigma_m)
+
+    assert beyond(level, beside) <= 1e-5 * (1 + 1e-6)
+    assert beyond(0.97 * level, bound_beside) > 1e-5
+
+
+def test_a_gnss_that_is_false_for_certain_tells_nothing() -> None:
+    alone = protection_level_m(ORIGIN, P, away(1.0, 1.0, 1e-4), NEVER_OFF, SETTINGS)
+    both = Solutions(
+        np.concatenate([away(1.0, 1.0, 1e-4).x, told_by_gnss(0.0, 0.1).x]),
+        np.concatenate([away(1.0, 1.0, 1e-4).P, told_by_gnss(0.0, 0.1).P]),
+        np.array([1e-4, 1.0]),
+        np.zeros(2, np.int64),
+        (EVERY, HELD),
+        (frozenset({"deep"}), frozenset()),
+    )
+    assert protection_level_m(ORIGIN, P, both, NEVER_OFF, SETTINGS) == alone
+    assert protection_level_m(ORIGIN, P, both, NEVER_OFF, SETTINGS, 0.01) < 0.9 * alone
 
 
 @example([], 0.0078125)

@@ -67,8 +67,9 @@ class Belief(NamedTuple):
     `claims`: by how much the fixes of each method err more than they claim (claims.py); `fed_back_over`: by what factor the
     variance of a velocity that rests on our fixes is larger than the model says (fed_back.py); `lens_share`: 1-sigma of the focal
     length, a share, beside what is believed of every lens; `contradicting`: fixes that were rejected since the filter agreed with
-    one of their method (contradiction.py); `alike`: by what the filter may be off if fixes are wrong alike (alike.py). A tuple,
-    since some fifty are made for a second of flight; two are never compared.
+    one of their method (contradiction.py); `alike`: by what the filter may be off if fixes are wrong alike (alike.py);
+    `headings_rad`: those of the camera that the last fix had when GNSS last told the level what fixes have in common, and has now
+    (by_gnss.py). A tuple, since some fifty are made for a second of flight; two are never compared.
     """
 
     t_ns: int
@@ -95,6 +96,7 @@ class Belief(NamedTuple):
     lens_share: float = 0.0
     contradicting: tuple[relocalise.Candidate, ...] = ()
     alike: alike.Alike = NEVER_OFF
+    headings_rad: Vec2 | None = None
 
     @property
     def rested_ns(self) -> int:
@@ -124,7 +126,8 @@ class Belief(NamedTuple):
 class Position:
     """A horizontal position measurement. `from_fix` tells vision from GNSS; `apart_m`: after this way what fixes have in common
     has gone by; `view_ne_m`: from there to the ground looked at, ground `spacing_m` further on is other ground (votes.py);
-    `per_focal_ne_m`: what a lens that is longer than calibrated adds to it, per share of the focal length."""
+    `per_focal_ne_m`: what a lens that is longer than calibrated adds to it, per share of the focal length; `heading_rad`: of the
+    camera, None without one."""
 
     t_ns: int
     p_ne_m: Vec2
@@ -137,6 +140,7 @@ class Position:
     per_focal_ne_m: Vec2 = (0.0, 0.0)
     view_ne_m: Vec2 = (0.0, 0.0)
     spacing_m: float = LEAST_SPACING_M
+    heading_rad: float | None = None
 
     def looks_at_ne_m(self, place_ne_m: FloatArray) -> Vec2:
         """The ground looked at (metres north, east) by who is at a place (2,)."""

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from visloc_companion.core.filter import alike
+from visloc_companion.core.filter import alike, by_gnss
 from visloc_companion.core.filter.belief import Belief
 from visloc_companion.core.filter.lean import UPRIGHT
 from visloc_companion.core.filter.separation import CLAIM_FLOOR, ONE, Solutions, beside, chosen
@@ -31,11 +31,13 @@ LIKELIER = 10.0
 def excluding(belief: Belief, z: FloatArray, R: FloatArray, H: FloatArray) -> Belief | None:
     """The belief without the fixes that a measurement z (2,), R (2, 2) of H x, H (2, n), contradicts; None where no solution
     explains it better. What the filter said until now stays among the solutions."""
-    among = belief.without
-    if not len(among):
+    if not len(belief.without):
         return None
     (own_nis,), (own_density,) = _seen(z, R, H, belief.x[None], belief.P[None])
     if own_nis <= SUSPECT_NIS:
+        return None
+    among = by_gnss.released(belief.without)
+    if not len(among):
         return None
     nis, density = _seen(z, R, H, among.x, among.P)
     likelihood = among.probability * density

@@ -20,6 +20,7 @@ import numpy as np
 from visloc_companion.core import kalman
 from visloc_companion.core.filter import (
     alike,
+    by_gnss,
     claims,
     contradiction,
     fed_back,
@@ -154,6 +155,7 @@ def propagated(
         belief.lens_share,
         belief.contradicting,
         NEVER_OFF if alone else alike.carried(belief.alike, F),
+        belief.headings_rad,
     )
 
 
@@ -213,6 +215,7 @@ def observed(
     `max_step_m`: larger corrections reach the autopilot as resets (`injection.max_step_m`).
     """
     considered = CONSIDERED[belief.drive]
+    belief = by_gnss.looked(belief, z.heading_rad)
     at, cov = np.array(z.p_ne_m), np.array(z.cov_ne_m2)
     if z.from_fix:
         cov = claims.over(belief.claims, z.method) * cov
@@ -337,4 +340,4 @@ def _fixed(belief: Belief, z: Position) -> Belief:
     voted = votes.voted(belief.votes, z.method, z.t_ns, looks_at_ne_m, z.spacing_m)
     without = separation.apart(belief.without, belief.x, belief.P)
     after = belief.after_fix(z.t_ns, (z.cov_ne_m2[0][0] + z.cov_ne_m2[1][1]) / 2)
-    return after._replace(rejected=(), votes=voted, without=without, apart_m=z.apart_m)
+    return by_gnss.kept(after._replace(rejected=(), votes=voted, without=without, apart_m=z.apart_m))

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visloc_companion.core.filter import alike, lasting, relocalise, separation, votes
+from visloc_companion.core.filter import alike, by_gnss, lasting, relocalise, separation, votes
 from visloc_companion.core.filter.belief import NEVER_OFF, Belief, Position, widened
 from visloc_companion.core.filter.propagation import (
     FIX_LENS,
@@ -118,7 +118,7 @@ def restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: 
     P[POSITION, POSITION] = cov + P[FIX_LENS, FIX_LENS] * np.outer(by_lens_m, by_lens_m)
     P[POSITION, LASTING] = P[LASTING, POSITION] = -lasting.root_m(cov)
     P[POSITION, FIX_LENS] = P[FIX_LENS, POSITION] = -P[FIX_LENS, FIX_LENS] * by_lens_m
-    without = founded(belief, z, belief.without)
+    without = founded(belief, z, by_gnss.released(belief.without))
     off_m, S = np.array(z.p_ne_m) - belief.x[POSITION], belief.P[POSITION, POSITION] + cov
     alone = alike.Taken(z.t_ns, z.method, z.probability_wrong, 1.0, off_m, S, H_POSITION, H_POSITION.T)
     north, east = (x - belief.x)[POSITION].tolist()

@@ -8,6 +8,8 @@ takes founds up to three solutions that do without it:
 * one takes those of other methods only (the method's name): one vote is wrong for a while, the others are right;
 * one takes all later fixes (`ONE`): that single fix was wrong.
 
+`HELD` is none of them: it takes all fixes, and is what a trusted GNSS would have the filter be (by_gnss.py).
+
 The first fix of a method is wrong with the probability that it claims, but no claim is believed below CLAIM_FLOOR. A later one
 of the same method is wrong, too, with a probability of at least CORRELATION; another method fails for other reasons. What is
 wrong by the same offset as long as the same ground is in view: alike.py. integrity.py makes the protection level of both.
@@ -27,6 +29,7 @@ from visloc_companion.types import FloatArray
 
 EVERY: Final = "*"
 ONE: Final = ""
+HELD: Final = "gnss"
 CLAIM_FLOOR = 1e-3
 """1 of 974 accepted fixes of unseen ground was a wrong match (0 of 3,115 later): claims below that are not proven."""
 CORRELATION = 0.5
