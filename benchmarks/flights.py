@@ -81,17 +81,24 @@ def main() -> None:
         world = procedural_world(1)
         template = FlightSpec("jam", world.pack, world.flight_ortho, world.flight_dsm)
         report("procedural, 0.5 m/px", campaign_specs("scenarios", template), options.methods, options.jobs)
-    naip = SHARED / "data" / "naip"
-    if "naip" in options.worlds and naip.is_dir():
-        with tempfile.TemporaryDirectory() as folder:
-            pack = Path(folder) / "pack"
-            first, *others = dates_from(naip, MAP_YEAR, CAMERA_YEAR)[: 1 + options.other_years]
-            origin = {"source": "USDA NAIP", "licence": "public domain"}
-            build_pack([first], None, pack, other_dates=others, networks=[open_features()], **origin)
-            base = FlightSpec("jam", pack, naip / f"{CAMERA_YEAR}.tif", None)
+    with tempfile.TemporaryDirectory() as folder:
+        base = naip_base(Path(folder), options.other_years) if "naip" in options.worlds else None
+        if base is not None:
             report("NAIP, 5 m/px", [replace(base, **each) for each in NAIP_FLIGHTS], options.methods, options.jobs)
             if options.naip_report:
                 naip_report(replace(base, scenario="demo", method=options.methods[0]), options.naip_report)
+
+
+def naip_base(folder: Path, other_years: int = 0) -> FlightSpec | None:
+    """What all flights over NAIP have in common, with a pack that is built in a folder, of so many years more than the map's;
+    None without the pictures."""
+    naip, pack = SHARED / "data" / "naip", folder / "pack"
+    if not naip.is_dir():
+        return None
+    first, *others = dates_from(naip, MAP_YEAR, CAMERA_YEAR)[: 1 + other_years]
+    origin = {"source": "USDA NAIP", "licence": "public domain"}
+    build_pack([first], None, pack, other_dates=others, networks=[open_features()], **origin)
+    return FlightSpec("jam", pack, naip / f"{CAMERA_YEAR}.tif", None)
 
 
 def report(world: str, specs: Sequence[FlightSpec], methods: Sequence[str], jobs: int) -> None:
