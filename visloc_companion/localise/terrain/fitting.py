@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from visloc_companion.localise.terrain.base import Kind, Soundings, TerrainPrior
-from visloc_companion.localise.terrain.correlation import alike
+from visloc_companion.localise.terrain.base import Soundings, TerrainPrior
+from visloc_companion.localise.terrain.cells import cells_of
 from visloc_companion.localise.terrain.elevation import ElevationMap, Terrain
 from visloc_companion.localise.terrain.noise import HeightNoise
 from visloc_companion.localise.terrain.refine import Fitting
@@ -28,8 +28,7 @@ def fitting_of(
     share = independent_share(thinned, settings)
     side = math.sqrt(share * len(thinned.points_m) / BLOCKS)
     block = settings.correlation_m * min(max(side, SMALLEST), LARGEST)
-    correlation = alike(thinned.points_m[:, :2]) if thinned.kind is Kind.PROFILE else None
-    return Fitting(terrain, thinned, prior, noise, block, share, false_slope, correlation)
+    return Fitting(terrain, thinned, prior, noise, block, share, false_slope, cells_of(thinned.points_m[:, :2]))
 
 
 def independent_share(thinned: Soundings, settings: TerrainSettings) -> float:

@@ -20,6 +20,7 @@ from visloc_companion.localise.terrain.neighbours import of_neighbours, squared_
 from visloc_companion.localise.terrain.noise import HeightNoise
 from visloc_companion.localise.terrain.refine import Fitting, Refined
 from visloc_companion.localise.terrain.settings import TerrainSettings
+from visloc_companion.localise.terrain.settle import settled
 from visloc_companion.localise.terrain.thin import lowest
 from visloc_companion.localise.terrain.verify import MIN_SOUNDINGS, Evidence, probability_wrong, refusal
 from visloc_companion.localise.terrain.volume import Stretch, Volume, search
@@ -72,6 +73,7 @@ def locate(
     if soundings.kind is Kind.PROFILE:
         place, spread = of_neighbours(fitting, place)
         about += spread
+    place = settled(fitting, place)
     claimed = place.covariance[:2, :2] + about
     elsewhere = np.array([_apart_m(one, found[best]) > _near_m(fitting) for one in found])
     evidence = _evidence(fitting, place, claimed, float(weights[elsewhere].sum()))
@@ -225,7 +227,7 @@ def _judged(
     p = probability_wrong(evidence)
     prior_sigma = largest_sigma_m(prior.cov_ne_m2)
     worst = max(settings.max_sigma_m, settings.sigma_share * prior_sigma)
-    declined = refusal(evidence, p, replace(settings, max_sigma_m=worst))
+    declined = refusal(evidence, p, math.sqrt(float(np.linalg.eigvalsh(cov)[-1])), replace(settings, max_sigma_m=worst))
     numbers = (*evidence.numbers(), ("probability_wrong", p))
     if declined is not None:
         return NoTerrainFix(t_ns, *declined, numbers)

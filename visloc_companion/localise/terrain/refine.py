@@ -11,20 +11,20 @@ for errors of the model and crowns are alike over a block of ground: soundings b
 of a stretch are few, and a fit takes up what is alike over all of it: to their share comes, in full, what the errors that a model
 is expected to have leave (correlation.py), of the size that is stated for it and no smaller one that the residuals pretend.
 
-Of a line the place is then settled under these errors themselves (whitening.py): long waves of them, which a line hardly
-averages, count for less, and blocks need no counting.
+What is found so is judged, and settled under these errors themselves (settle.py).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
-from visloc_companion.localise.terrain.base import Soundings, TerrainPrior
+from visloc_companion.localise.terrain.base import Kind, Soundings, TerrainPrior
+from visloc_companion.localise.terrain.cells import Cells
 from visloc_companion.localise.terrain.correlation import correlated_outer
 from visloc_companion.localise.terrain.elevation import Terrain
 from visloc_companion.localise.terrain.noise import HeightNoise, Parts, Stated, parts, refitted, told
@@ -33,7 +33,7 @@ from visloc_companion.localise.terrain.whitening import Whitening, whitening
 from visloc_companion.types import FloatArray
 
 N_UNKNOWNS = 10
-ROUNDS, SETTLING_ROUNDS = 40, 25
+ROUNDS = 40
 STEP_CELLS = 1.0
 """Longest step, cells of the window."""
 DONE_M = 0.2
@@ -42,7 +42,7 @@ LEAST_GROUND = 0.05
 SIGMA_BOUNDS = (0.5, 2.5)
 """Of the refitted sigma, as a multiple of the expected one."""
 UNRESOLVED = 0.3
-"""Share of the model's variance that is alike over no length: what its cells do not hold."""
+"""Share of the model's variance that is alike over no length (a cell of cells.py): what its own cells do not hold."""
 STATED = 6.0
 """So many independent soundings the stated sigma counts as: itself it is known to 30 % (1 / sqrt(2 x 6))."""
 
@@ -53,7 +53,7 @@ class Refined:
     included) and its `gain` on that of level ground; `ground` and `known`: share of soundings that are ground, and that lie on
     known model; `reliability` as `reliable_share`; the covariance's height is that of the mean over the soundings, which `walked`
     carries to a time. `by_drift` (2, 4): of the position by errors of the prior's drift, as in `TerrainFix`;
-    `counted_alike_m2` (2, 2): what the position would claim if soundings counted alike, by which it is judged.
+    `counted_alike_m2` (2, 2): what the position claims where soundings count alike, by which it is judged.
     """
 
     unknowns: FloatArray
@@ -73,8 +73,7 @@ class Refined:
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitting:
     """What the fit is of: `block_m` is the side of a block, `temper` the share of soundings that is independent, `false_slope`
-    the slope (metres a metre, per axis, 1-sigma) that the model's errors pretend; `alike` (N, N) how alike these are at the
-    soundings of a line, None where soundings count alike."""
+    the slope (metres a metre, per axis, 1-sigma) that the model's errors pretend; `cells` share them."""
 
     terrain: Terrain
     soundings: Soundings
@@ -83,7 +82,7 @@ class Fitting:
     block_m: float
     temper: float
     false_slope: float
-    alike: FloatArray | None = None
+    cells: Cells
 
     @property
     def few(self) -> float:
@@ -95,10 +94,10 @@ class Fitting:
 def refine(fitting: Fitting, start: FloatArray) -> Refined:
     """The likeliest unknowns near a start (10,)."""
     unknowns, noise = start.copy(), fitting.noise
-    weight = _prior_information(fitting.prior)
+    weight = prior_information(fitting.prior)
     converged = False
     for turn in range(ROUNDS):
-        difference, J, known = _linearised(fitting, unknowns)
+        difference, J, known = linearised(fitting, unknowns)
         if turn in (2, 5, 9):
             noise = refitted(
                 noise,
@@ -114,21 +113,20 @@ def refine(fitting: Fitting, start: FloatArray) -> Refined:
         converged = turn > 9 and float(np.abs(step[:3]).max()) < DONE_M
         if converged:
             break
-    found = _result(fitting, unknowns, noise, weight, converged)
-    return found if fitting.alike is None or not converged else _settled(fitting, fitting.alike, found, weight)
+    return _result(fitting, unknowns, noise, weight, converged)
 
 
 def expected_covariance(fitting: Fitting, start: FloatArray) -> FloatArray:
     """(3, 3) covariance of north, east, height that a match at such a place would claim if heights differ from the model as they
     are expected to: what there is to see, before looking."""
-    _, J, known = _linearised(fitting, start)
-    noise, weight = fitting.noise, _prior_information(fitting.prior)
-    if fitting.alike is not None:
+    _, J, known = linearised(fitting, start)
+    noise, weight = fitting.noise, prior_information(fitting.prior)
+    if fitting.soundings.kind is Kind.PROFILE:
         share = np.full(len(J), 1 - noise.standing - noise.outliers)
-        errors = _whitening(fitting, fitting.alike, noise, share, known)
+        errors = errors_of(fitting, noise.sigma_m, share, known)
         full, ones = J.T @ errors.solved(J), np.ones(len(J))
         true = told(noise) * _without_false_slopes(full, fitting, float(ones @ errors.solved(ones)))
-        return _left(fitting, true, fitting.few * full, weight)[0][:3, :3]
+        return left(fitting, true, fitting.few * full, weight)[0][:3, :3]
     ground = np.asarray((1 - noise.standing - noise.outliers) * known, dtype=np.float64)
     full = np.asarray((J.T * (ground / noise.sigma_m**2)) @ J)
     full = _without_false_slopes(full, fitting, float(ground.sum()) / noise.sigma_m**2)
@@ -136,55 +134,21 @@ def expected_covariance(fitting: Fitting, start: FloatArray) -> FloatArray:
     return _claimed(fitting, told(noise) * full, own, weight)[0][:3, :3]
 
 
-def _settled(fitting: Fitting, alike: FloatArray, found: Refined, weight: FloatArray) -> Refined:
-    """A place refined with the model's errors as they are alike nearby, and what these leave of it. It is judged by what was
-    found: likelihoods, shares and noise are those of soundings that count alike."""
-    unknowns, noise, converged = found.unknowns, found.noise, False
-    last, gain = unknowns[:3] * 0, 1.0
-    for _ in range(SETTLING_ROUNDS):
-        difference, J, known = _linearised(fitting, unknowns)
-        errors = _whitening(fitting, alike, noise, parts(noise, difference).ground, known)
-        gradient = J.T @ errors.solved(difference) - weight @ unknowns
-        step = np.linalg.solve(J.T @ errors.solved(J) + weight, gradient)
-        if float(step[:3] @ last) < 0:  # what is ground changes with the place: it would go to and fro
-            gain /= 2
-        far = float(np.hypot(step[0], step[1])) / (STEP_CELLS * fitting.terrain.cell_m)
-        unknowns, last = unknowns + gain * step / max(1.0, far), np.asarray(step[:3], dtype=np.float64)
-        converged = float(np.abs(step[:3]).max()) < DONE_M
-        if converged:
-            break
-    difference, J, known = _linearised(fitting, unknowns)
-    by_each = _whitening(fitting, alike, noise, parts(noise, difference).ground, known).solved(J)
-    full = J.T @ by_each
-    true = told(noise) * _scaled(full, np.eye(2) * math.sqrt(max(found.reliability, LEAST_RELIABLE)))
-    covariance, inverse = _left(fitting, true, fitting.few * full, weight)
-    covariance[2, 2] += STANDS * max(0.0, noise.sigma_m**2 - fitting.noise.sigma_m**2)
-    return replace(
-        found,
-        unknowns=unknowns,
-        covariance=(covariance + covariance.T) / 2,
-        walked=walked(by_each @ inverse[2], fitting.soundings.age_s),
-        by_drift=np.asarray(inverse[:2, 6:] @ weight[6:, 6:], dtype=np.float64),
-        converged=converged,
-    )
-
-
-def _whitening(
-    fitting: Fitting, alike: FloatArray, noise: HeightNoise, ground: FloatArray, known: NDArray[np.bool_]
-) -> Whitening:
+def errors_of(fitting: Fitting, sigma_m: float, ground: FloatArray, known: NDArray[np.bool_]) -> Whitening:
+    """The errors of soundings that are ground with probabilities (N,), and lie on known model (N,)."""
     own_m2 = fitting.soundings.sigma_m**2
-    of_model_m2 = max(noise.sigma_m, fitting.noise.sigma_m) ** 2 - own_m2
-    return whitening(alike, (1 - UNRESOLVED) * of_model_m2, own_m2 + UNRESOLVED * of_model_m2, ground, known)
+    of_model_m2 = max(sigma_m, fitting.noise.sigma_m) ** 2 - own_m2
+    return whitening(fitting.cells, (1 - UNRESOLVED) * of_model_m2, UNRESOLVED * of_model_m2, own_m2, ground, known)
 
 
 def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: FloatArray, converged: bool) -> Refined:
-    difference, J, known = _linearised(fitting, unknowns)
+    difference, J, known = linearised(fitting, unknowns)
     p = parts(noise, difference)
     full = _information(J, p, noise, known, 1.0)
     spread, n_blocks = _spread(fitting, J * (p.score * known)[:, None])
     own = fitting.few * _under_errors(fitting, J, np.maximum(p.ground, LEAST_GROUND) * known, noise.sigma_m)
     reliability = reliable_share(fitting, unknowns, difference, p.ground * known)
-    true = told(noise) * _scaled(full, np.eye(2) * math.sqrt(max(reliability, LEAST_RELIABLE)))
+    true = told(noise) * scaled(full, np.eye(2) * math.sqrt(max(reliability, LEAST_RELIABLE)))
     share = n_blocks / (n_blocks + PRIOR_BLOCKS)
     covariance, inverse = _claimed(fitting, true, share * spread + own, weight)
     covariance[2, 2] += STANDS * max(0.0, noise.sigma_m**2 - fitting.noise.sigma_m**2)
@@ -223,10 +187,10 @@ LEAST_RELIABLE = 0.02
 def _claimed(fitting: Fitting, information: FloatArray, errors: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Covariance (10, 10) of the unknowns by what the soundings tell, the covariance of the gradient under their errors, and the
     prior's information; and the inverse that it rests on."""
-    return _left(fitting, fitting.temper * information, fitting.temper**2 * errors, weight)
+    return left(fitting, fitting.temper * information, fitting.temper**2 * errors, weight)
 
 
-def _left(fitting: Fitting, information: FloatArray, errors: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+def left(fitting: Fitting, information: FloatArray, errors: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The same of soundings that need not be counted."""
     inverse = np.linalg.inv(information + weight + 1e-9 * np.eye(N_UNKNOWNS))
     covariance: FloatArray = inverse @ (errors + weight) @ inverse
@@ -249,10 +213,10 @@ def _without_false_slopes(information: FloatArray, fitting: Fitting, weight: flo
     values, vectors = np.linalg.eigh(information[:2, :2])
     values = np.maximum(values, 1e-12)
     kept = np.maximum(1 - weight * fitting.false_slope**2 / values, 1e-3)
-    return _scaled(information, (vectors * np.sqrt(kept)) @ vectors.T)
+    return scaled(information, (vectors * np.sqrt(kept)) @ vectors.T)
 
 
-def _scaled(information: FloatArray, by: FloatArray) -> FloatArray:
+def scaled(information: FloatArray, by: FloatArray) -> FloatArray:
     """Information whose derivatives by north and east are multiplied by a symmetric (2, 2)."""
     every = np.eye(N_UNKNOWNS)
     every[:2, :2] = by
@@ -292,7 +256,7 @@ def _level_log_density(fitting: Fitting, known: NDArray[np.bool_]) -> float:
     return float(parts(noise, up - middle).log_density.sum())
 
 
-def _linearised(fitting: Fitting, unknowns: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def linearised(fitting: Fitting, unknowns: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Measured minus model (N,), derivative of model minus measured by the unknowns (N, 10), and what is known (N,)."""
     points, beam, age = fitting.soundings.points_m, fitting.soundings.beams_m, fitting.soundings.age_s
     ne = placed(fitting.soundings, unknowns)
@@ -323,7 +287,8 @@ def _information(J: FloatArray, p: Parts, noise: HeightNoise, known: NDArray[np.
     return np.asarray(temper * (J.T * w) @ J)
 
 
-def _prior_information(prior: TerrainPrior) -> FloatArray:
+def prior_information(prior: TerrainPrior) -> FloatArray:
+    """(10, 10) of the unknowns beside position and height."""
     each = (prior.sigma_tilt_rad, prior.sigma_drift_mps, prior.sigma_drift_mps2)
     sigma = [prior.sigma_yaw_rad, *(s for s in each for _ in range(2))]
     return np.diag([0.0, 0.0, 0.0, *(1 / max(s, SURE) ** 2 for s in sigma)])

@@ -28,7 +28,7 @@ GOOD = Evidence(
 def test_a_good_match_is_not_declined() -> None:
     p = probability_wrong(GOOD)
     assert p < 0.05
-    assert refusal(GOOD, p, TerrainSettings()) is None
+    assert refusal(GOOD, p, 1.5, TerrainSettings()) is None
 
 
 @pytest.mark.parametrize(
@@ -45,13 +45,13 @@ def test_a_good_match_is_not_declined() -> None:
 )
 def test_each_reason_has_its_evidence(change: dict[str, float], reason: Reason) -> None:
     evidence = replace(GOOD, **change)
-    declined = refusal(evidence, probability_wrong(evidence), TerrainSettings())
+    declined = refusal(evidence, probability_wrong(evidence), 1.5, TerrainSettings())
     assert declined is not None
     assert declined[0] is reason
 
 
 def test_a_doubtful_match_without_another_place_is_no_match() -> None:
-    declined = refusal(GOOD, 0.5, TerrainSettings())
+    declined = refusal(GOOD, 0.5, 1.5, TerrainSettings())
     assert declined is not None
     assert declined[0] is Reason.NO_MATCH
 
@@ -63,3 +63,13 @@ def test_worse_evidence_is_more_doubtful(change: dict[str, float]) -> None:
 
 def test_the_posterior_of_other_places_is_a_lower_bound() -> None:
     assert probability_wrong(replace(GOOD, others=0.5)) >= 0.5
+
+
+def test_a_match_may_claim_more_where_soundings_count_alike_and_no_more_where_they_do_not() -> None:
+    limit = TerrainSettings().max_sigma_m
+    settled_well = replace(GOOD, sigma_m=1.2 * limit)
+    assert refusal(settled_well, 0.01, 0.7 * limit, TerrainSettings()) is None
+    for evidence, claimed_m in ((settled_well, 1.1 * limit), (replace(GOOD, sigma_m=1.4 * limit), 0.7 * limit)):
+        declined = refusal(evidence, 0.01, claimed_m, TerrainSettings())
+        assert declined is not None
+        assert declined[0] is Reason.LOW_TEXTURE
