@@ -109,7 +109,7 @@ def carried(h: Hypothesis, t_ns: int, travel: Travel) -> Hypothesis:
 
 def confirmed(h: Hypothesis, place_ne_m: Vec2, cov_ne_m2: Cov2, spacing_m: float, sure: bool = False) -> Hypothesis:
     """After a fix in a search about it. One that the motion does not lead to is a miss."""
-    updated = kalman.update(h.x, h.P, np.array(place_ne_m), np.array(cov_ne_m2), H_POSITION, gate_sigma=GATE_SIGMA)
+    updated = _updated(h, place_ne_m, cov_ne_m2)
     if isinstance(updated, Rejected):
         return missed(h)
     taken = replace(h, x=updated.x, P=updated.P, tested_ns=h.t_ns)
@@ -118,6 +118,15 @@ def confirmed(h: Hypothesis, place_ne_m: Vec2, cov_ne_m2: Cov2, spacing_m: float
     log_odds = h.log_odds + (SURE_HIT if sure else HIT)
     hits, sure_hits = h.hits + 1, h.sure_hits + sure
     return replace(taken, log_odds=log_odds, hits=hits, sure_hits=sure_hits, counted_ne_m=place_ne_m, spacing_m=spacing_m)
+
+
+def leads_to(h: Hypothesis, place_ne_m: Vec2, cov_ne_m2: Cov2) -> bool:
+    """Whether its motion leads to a place."""
+    return not isinstance(_updated(h, place_ne_m, cov_ne_m2), Rejected)
+
+
+def _updated(h: Hypothesis, place_ne_m: Vec2, cov_ne_m2: Cov2) -> kalman.Updated | Rejected:
+    return kalman.update(h.x, h.P, np.array(place_ne_m), np.array(cov_ne_m2), H_POSITION, gate_sigma=GATE_SIGMA)
 
 
 def missed(h: Hypothesis) -> Hypothesis:

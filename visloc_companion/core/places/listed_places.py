@@ -8,9 +8,11 @@ from visloc_companion.geo import wgs84
 from visloc_companion.types import Fix, GeoPoint, NoFix, Vec2
 
 LISTED = 4
-LIKELY, THOROUGH = 0.2, 0.05
+LIKELY, THOROUGH = 0.5, 0.2
 """Of the places that an answer leaves open so many become hypotheses, unless it has them less likely than the second; in thorough
-sweeps, the third."""
+sweeps, the third. To test one takes as long as to search another tile. In flights over a landscape not trained on three of 163
+open places of 0.2 and more were the vehicle's (quick sweeps), and none of 96 of 0.05 and more (thorough ones), while 30 of 561
+tiles showed it, 26 of them by a fix."""
 
 
 def places_of(answer: Fix | NoFix, origin: GeoPoint, least: float) -> list[Vec2]:

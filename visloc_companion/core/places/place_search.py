@@ -38,6 +38,10 @@ SPACING_HEIGHTS = 0.25
 """Answers count when the vehicle has moved by so much of its height, about a quarter of what it sees."""
 LISTED_HEIGHTS = 0.1
 """1-sigma of a listed place, and the least of the region in which it is tested, as a share of the height."""
+VAGUE_HEIGHTS, LOST_HEIGHTS = 0.75, 0.25
+"""1-sigma of the place of a hypothesis that was never seen, as a share of the height. Beyond the first a fix about it is as likely
+one of another place: at 90 m it is spread over 5 ha, of which a map of 16 km2 has 314. Beyond the second it is given up once it
+was looked for in vain: one in 200 is right then, while one of 18 tiles lists the right place (28 of 32 right ones of 16)."""
 SWEEPS, QUICK_SHARE = 3, 2 / 3
 """Every so many sweeps one is thorough; the others search the second of the headings and heights that the prior allows for."""
 TEST_EVERY_NS = 2_000_000_000
@@ -163,7 +167,7 @@ class PlaceSearch:
         """What to ask of a frame of `t_ns`, taken `height_m` above the origin; `sigma_v_mps`: 1-sigma of the velocity input. A
         place is found where it is false with a probability of at most `risk`."""
         height_m = max(height_m, LEAST_HEIGHT_M)
-        self._carry(t_ns)
+        self._carry(t_ns, height_m)
         due, searched = self._due(t_ns), None
         if due is None or due.log_odds < hypotheses.FIRST_LOG_ODDS:
             due = self._likely() or due
@@ -198,7 +202,8 @@ class PlaceSearch:
             return None
         if asked.number is None:
             return None
-        self._places = hypotheses.kept([self._tested(h, asked, answer, origin) for h in self._places])
+        stray = self._stray(asked, answer, origin)
+        self._places = hypotheses.kept([*(self._tested(h, asked, answer, origin) for h in self._places), *stray])
         best = hypotheses.winner(self._places, asked.risk, swept=self._n_swept > 0)
         if best is None or best.number != asked.number or not isinstance(answer, Fix):
             return None
@@ -218,10 +223,27 @@ class PlaceSearch:
             return h
         if isinstance(answer, Fix) and answer.probability_wrong <= MOST_WRONG:
             north, east, _ = wgs84.ned_from_geo(answer.place, origin)
+            if _is_vague(h, VAGUE_HEIGHTS * asked.height_m):
+                return hypotheses.missed(h)
             sure = answer.probability_wrong <= SURE_WRONG
             return hypotheses.confirmed(h, (north, east), answer.cov_ne_m2, spacing_m(answer, asked.height_m), sure)
         untold = isinstance(answer, Fix) or answer.reason in SAYS_NOTHING
         return hypotheses.untold(h) if untold else hypotheses.missed(h)
+
+    def _stray(self, asked: _Asked, answer: Fix | NoFix, origin: GeoPoint) -> tuple[Hypothesis, ...]:
+        """A fix about a hypothesis that does not lead there, or is anywhere by now, is a place of its own, as one of a tile is."""
+        h = next((h for h in self._places if h.number == asked.number), None)
+        if h is None or not isinstance(answer, Fix) or answer.probability_wrong > MOST_WRONG:
+            return ()
+        north, east, _ = wgs84.ned_from_geo(answer.place, origin)
+        if hypotheses.leads_to(h, (north, east), answer.cov_ne_m2) and not _is_vague(h, VAGUE_HEIGHTS * asked.height_m):
+            return ()
+        return (self._born(asked, (north, east)),)
+
+    def _born(self, asked: _Asked, place_ne_m: Vec2) -> Hypothesis:
+        self._n_born += 1
+        sigma_m, sigma_v_mps = LISTED_HEIGHTS * asked.height_m, velocity_sigma_mps(asked.sigma_v_mps)
+        return hypotheses.born(self._n_born, asked.t_ns, place_ne_m, sigma_m, sigma_v_mps)
 
     def _listed(self, asked: _Asked, tile: Tile, tiles: Tiles, answer: Fix | NoFix, origin: GeoPoint) -> None:
         """The places that the search of a tile lists become hypotheses. What is merely open was chosen for what this ground looks
@@ -232,13 +254,11 @@ class PlaceSearch:
         else:
             tiles.answered(tile, not outside, ends_of(answer))
             self._before = self._before if outside else None  # tiles outside of the map cost nothing
-        sigma_m, spacing = LISTED_HEIGHTS * asked.height_m, SPACING_HEIGHTS * asked.height_m
+        spacing = SPACING_HEIGHTS * asked.height_m
         least = LIKELY if asked.where.share_of_sigmas < 1 else THOROUGH
         new = []
         for place in places_of(answer, origin, least):
-            self._n_born += 1
-            sigma_v_mps = velocity_sigma_mps(asked.sigma_v_mps)
-            h = hypotheses.born(self._n_born, asked.t_ns, place, sigma_m, sigma_v_mps)
+            h = self._born(asked, place)
             new.append(h if isinstance(answer, Fix) else replace(h, counted_ne_m=place, spacing_m=spacing))
         self._places = hypotheses.kept([*self._places, *new])
 
@@ -257,13 +277,16 @@ class PlaceSearch:
         tiles = self._swept[1]
         return tile or tiles.next() or (0, 0), tiles
 
-    def _carry(self, t_ns: int) -> None:
-        """All hypotheses to the time of a frame, which is never older than the one before."""
-        self._places = tuple(self._travel.carried(h, t_ns) for h in self._places)
+    def _carry(self, t_ns: int, height_m: float) -> None:
+        """All hypotheses to the time of a frame, which is never older than the one before. What was looked for in vain and is known
+        hardly better than a tile is left to the next sweep."""
+        carried = (self._travel.carried(h, t_ns) for h in self._places)
+        self._places = tuple(h for h in carried if not (h.misses and _is_vague(h, LOST_HEIGHTS * height_m)))
 
     def _due(self, t_ns: int) -> Hypothesis | None:
-        """The likeliest hypothesis that was not tested yet, or whose next test would count."""
-        return next((h for h in self._places if _is_due(h, t_ns)), None)
+        """A fix that was not tested yet, else the likeliest hypothesis that was not, or whose next test would count."""
+        fixed = next((h for h in self._places if h.tested_ns is None and h.counted_ne_m is None), None)
+        return fixed or next((h for h in self._places if _is_due(h, t_ns)), None)
 
     def _likely(self) -> Hypothesis | None:
         """The likeliest hypothesis, where it was seen, is right rather than wrong, and has moved on by half of what its next test
@@ -272,6 +295,11 @@ class PlaceSearch:
         if best is None or not 0 < best.hits < hypotheses.FEWEST_HITS or best.log_odds <= 0 or best.counted_ne_m is None:
             return None
         return best if math.dist(best.counted_ne_m, best.place_ne_m) >= best.spacing_m / 2 else None
+
+
+def _is_vague(h: Hypothesis, sigma_m: float) -> bool:
+    """Whether a place that was never seen is known no better than to so much, on the axis that is known worst."""
+    return not h.hits and largest_sigma_m(h.cov_ne_m2) > sigma_m
 
 
 def _is_due(h: Hypothesis, t_ns: int) -> bool:

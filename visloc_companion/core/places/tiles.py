@@ -3,20 +3,22 @@
 A tile is the square in the circle of three sigmas of its prior, and no more than that is searched: a search costs what the square
 about its region does, and squares meet without overlap (over 4 x 4 km hexagons in circles, of which fewer cover a plane, cost 1.5
 times as much). How far the map reaches nobody tells the core beforehand. An answer may tell at which sides of a tile it goes on;
-a ring of tiles that lie all outside of it, after one that did not, is its end. Later sweeps leave out what was found outside.
+a ring of tiles that lie all outside of it, after one that did not, is its end. Later sweeps leave out what was found outside, and
+every third one ends with some of what lies behind it, for a map may be in pieces.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from visloc_companion.types import MAP_SIDES, Fix, NoFix, Vec2
 
 FARTHEST_M = 20_000.0
 """No tile's middle is further off."""
-IN_ONE_PIECE = 2
-"""The first sweeps, so many, ask about no tile that lies behind others which are outside the map, or at sides of theirs where
-the map ends: maps are seldom in pieces, and each question takes a frame."""
+PIECES_EVERY, BEYOND = 3, 8
+"""Tiles that lie behind others which are outside the map, or at sides of theirs where the map ends, are asked about at the end of
+every third sweep, so many of them, the nearest first: maps are seldom in pieces, and each question takes a frame."""
 Tile = tuple[int, int]
 Side = tuple[int, int]
 """Of a tile: by how many rows and columns the one at that side lies further on."""
@@ -27,6 +29,7 @@ class Tiles:
 
     def __init__(self, centre_ne_m: Vec2, radius_m: float, reach_m: float = FARTHEST_M) -> None:
         self._centre_ne_m, self.radius_m, self._reach_m = centre_ne_m, radius_m, min(reach_m, FARTHEST_M)
+        self._inside: set[Tile] = set()
         self._outside: set[Tile] = set()
         self._left_out: set[Tile] = set()
         self._ends: dict[Tile, frozenset[Side]] = {}
@@ -35,7 +38,7 @@ class Tiles:
 
     def _begin(self) -> None:
         self._ring, self._todo = 0, [(0, 0)]
-        self._inside_ring, self._met_map = False, False
+        self._inside_ring, self._met_map, self._beyond = False, False, False
         self._again: set[Tile] = set()
 
     @property
@@ -56,26 +59,27 @@ class Tiles:
     def next(self) -> Tile | None:
         """The next tile of the sweep; None at its end, after which the next sweep begins."""
         while True:
-            if self._todo:
+            while self._todo:
                 tile = self._todo.pop(0)
-                if self._behind_the_edge(tile):
-                    self._left_out.add(tile)
-                elif tile not in self._outside:
+                if tile not in self._outside and not self._leaves_out(tile):
                     return tile
-                continue
-            over = self._met_map and not self._inside_ring
-            self._met_map |= self._inside_ring
-            self._ring, self._inside_ring = self._ring + 1, False
-            if over or (self._ring - 1) * self.row_m > self._reach_m:
+            if self._beyond:
                 self._n_swept += 1
                 self._begin()
                 return None
-            self._todo = sorted(_ring(self._ring), key=lambda tile: (self._distance_m(tile), tile))
+            over = self._met_map and not self._inside_ring and all(max(map(abs, tile)) < self._ring for tile in self._inside)
+            self._met_map |= self._inside_ring
+            self._ring, self._inside_ring = self._ring + 1, False
+            if over or (self._ring - 1) * self.row_m > self._reach_m:
+                self._beyond, self._todo = True, self._pieces()
+            else:
+                self._todo = self._nearest_first(_ring(self._ring))
 
     def answered(self, tile: Tile, on_map: bool, ends: frozenset[Side] | None = None) -> None:
         """Whether a tile that was asked about lies on the map, and at which sides of it there is none, where that is known."""
         if on_map:
             self._inside_ring = True
+            self._inside.add(tile)
             if ends is not None:
                 self._ends[tile] = ends
         else:
@@ -89,9 +93,21 @@ class Tiles:
         self._again.add(tile)
         self._todo.append(tile)
 
+    def _leaves_out(self, tile: Tile) -> bool:
+        """Whether a tile is kept for the end of some sweep."""
+        if self._beyond or not self._behind_the_edge(tile):
+            self._left_out.discard(tile)
+            return False
+        self._left_out.add(tile)
+        return True
+
+    def _pieces(self) -> list[Tile]:
+        """What is asked about at the end of a sweep, though it lies behind the map's edge."""
+        return self._nearest_first(self._left_out)[:BEYOND] if self._n_swept % PIECES_EVERY == PIECES_EVERY - 1 else []
+
     def _behind_the_edge(self, tile: Tile) -> bool:
-        """Whether all that leads to a tile from the ring before lies outside, in a sweep that asks about no such tile."""
-        if self._n_swept >= IN_ONE_PIECE or not self._met_map:
+        """Whether all that leads to a tile from the ring before lies outside, and nothing is known of it."""
+        if tile in self._inside or not self._met_map:
             return False
         before = [t for t in _ring(self._ring - 1) if max(abs(t[0] - tile[0]), abs(t[1] - tile[1])) <= 1]
         beside = [t for t in ((tile[0] - row, tile[1] - column) for row, column in MAP_SIDES.values()) if t in self._ends]
@@ -104,6 +120,9 @@ class Tiles:
         north, east = tile[0] - known[0], tile[1] - known[1]
         ends = self._ends.get(known, frozenset())
         return (north, 0) not in ends and (0, east) not in ends
+
+    def _nearest_first(self, tiles: Iterable[Tile]) -> list[Tile]:
+        return sorted(tiles, key=lambda tile: (self._distance_m(tile), tile))
 
     def _distance_m(self, tile: Tile) -> float:
         return math.dist(self.place_ne_m(tile), self._centre_ne_m)

@@ -305,7 +305,7 @@ def test_quick_sweeps_test_what_is_likely_and_thorough_ones_all(share: float, li
             break
         search.answered(tile_answer(k), ORIGIN, k * S)
     assert not search.places
-    search.answered(tile_answer(k, 0.2, 0.05, 0.005), ORIGIN, k * S)
+    search.answered(tile_answer(k, 0.5, 0.2, 0.05), ORIGIN, k * S)
     assert [h.place_ne_m for h in search.places] == [pytest.approx(place, abs=1e-3) for place in listed]
 
 

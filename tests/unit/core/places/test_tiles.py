@@ -38,17 +38,30 @@ def test_the_next_sweep_leaves_out_what_is_no_map() -> None:
     assert set(second) == set(fourth)
 
 
-def test_a_second_piece_of_the_map_is_asked_about_in_the_third_sweep() -> None:
-    tiles = Tiles((0.0, 0.0), 900.0)
+def test_a_second_piece_of_the_map_is_found_by_third_sweeps() -> None:
+    """Each asks about eight tiles of what lies behind the edge, after the map; what was found is part of every sweep from then on."""
+    tiles, pieces = Tiles((0.0, 0.0), 900.0), ((0, 0), (0, 1), (0, 2), (3, 3), (3, 4))
     asked: list[list[tuple[int, int]]] = []
-    for _ in range(3):
+    for _ in range(16):
         asked.append([])
         while (tile := tiles.next()) is not None:
             asked[-1].append(tile)
-            tiles.answered(tile, tile in ((0, 0), (0, 1), (0, 2), (3, 3)))
-    assert (3, 3) not in [*asked[0], *asked[1]]
+            tiles.answered(tile, tile in pieces)
+    beyond = [[tile for tile in each if tile not in pieces] for each in asked[1:]]
     assert len(asked[1]) < len(asked[0]) < 30
-    assert (3, 3) in asked[2]
+    found = next(k for k, each in enumerate(asked) if (3, 3) in each)
+    assert found % 3 == 2
+    assert [len(each) for each in beyond[: found - 1]] == [0, *[8, 0, 0] * ((found - 2) // 3)]
+    assert all((3, 3) in each for each in asked[found:])
+    assert (3, 4) in asked[found + 1]
+
+
+def test_the_map_comes_before_what_may_lie_beyond_it() -> None:
+    """A vehicle that the first two sweeps did not find waits for no tile that is likely no map."""
+    tiles = Tiles((300.0, -400.0), 960.0)
+    first, _, third = (swept(tiles, 2000.0) for _ in range(3))
+    on_map = len(first)
+    assert [inside for inside, _ in third] == [True] * on_map + [False] * 8
 
 
 def test_a_loss_bounds_the_sweep() -> None:
