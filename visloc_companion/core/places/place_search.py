@@ -39,9 +39,10 @@ SPACING_HEIGHTS = 0.25
 LISTED_HEIGHTS = 0.1
 """1-sigma of a listed place, and the least of the region in which it is tested, as a share of the height."""
 VAGUE_HEIGHTS, LOST_HEIGHTS = 0.75, 0.25
-"""1-sigma of the place of a hypothesis that was never seen, as a share of the height. Beyond the first a fix about it is as likely
-one of another place: at 90 m it is spread over 5 ha, of which a map of 16 km2 has 314. Beyond the second it is given up once it
-was looked for in vain: one in 200 is right then, while one of 18 tiles lists the right place (28 of 32 right ones of 16)."""
+"""1-sigma of the place of a hypothesis that was never seen, as a share of the height. Beyond the first a fix about it is as
+likely one of another place: at 90 m it is spread over 5 ha, of which a map of 16 km2 has 314. Beyond the second it is given up
+once it was looked for in vain: one in 200 is right then, while one of 18 tiles lists the right place (28 of 32 right ones, of
+16)."""
 SWEEPS, QUICK_SHARE = 3, 2 / 3
 """Every so many sweeps one is thorough; the others search the second of the headings and heights that the prior allows for."""
 TEST_EVERY_NS = 2_000_000_000
@@ -231,7 +232,7 @@ class PlaceSearch:
         return hypotheses.untold(h) if untold else hypotheses.missed(h)
 
     def _stray(self, asked: _Asked, answer: Fix | NoFix, origin: GeoPoint) -> tuple[Hypothesis, ...]:
-        """A fix about a hypothesis that does not lead there, or is anywhere by now, is a place of its own, as one of a tile is."""
+        """A fix about a hypothesis that does not lead there, or is anywhere by now, is a place of its own, as a tile's is."""
         h = next((h for h in self._places if h.number == asked.number), None)
         if h is None or not isinstance(answer, Fix) or answer.probability_wrong > MOST_WRONG:
             return ()
@@ -278,8 +279,8 @@ class PlaceSearch:
         return tile or tiles.next() or (0, 0), tiles
 
     def _carry(self, t_ns: int, height_m: float) -> None:
-        """All hypotheses to the time of a frame, which is never older than the one before. What was looked for in vain and is known
-        hardly better than a tile is left to the next sweep."""
+        """All hypotheses to the time of a frame, which is never older than the one before. What was looked for in vain and is
+        known hardly better than a tile is left to the next sweep."""
         carried = (self._travel.carried(h, t_ns) for h in self._places)
         self._places = tuple(h for h in carried if not (h.misses and _is_vague(h, LOST_HEIGHTS * height_m)))
 

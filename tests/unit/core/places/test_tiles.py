@@ -39,7 +39,7 @@ def test_the_next_sweep_leaves_out_what_is_no_map() -> None:
 
 
 def test_a_second_piece_of_the_map_is_found_by_third_sweeps() -> None:
-    """Each asks about eight tiles of what lies behind the edge, after the map; what was found is part of every sweep from then on."""
+    """Each asks about eight tiles of what lies behind the edge, after the map; what was found is part of every sweep then."""
     tiles, pieces = Tiles((0.0, 0.0), 900.0), ((0, 0), (0, 1), (0, 2), (3, 3), (3, 4))
     asked: list[list[tuple[int, int]]] = []
     for _ in range(16):
