@@ -203,8 +203,7 @@ class PlaceSearch:
             return None
         if asked.number is None:
             return None
-        stray = self._stray(asked, answer, origin)
-        self._places = hypotheses.kept([*(self._tested(h, asked, answer, origin) for h in self._places), *stray])
+        self._places = hypotheses.kept([each for h in self._places for each in self._tested(h, asked, answer, origin)])
         best = hypotheses.winner(self._places, asked.risk, swept=self._n_swept > 0)
         if best is None or best.number != asked.number or not isinstance(answer, Fix):
             return None
@@ -219,27 +218,21 @@ class PlaceSearch:
             self._size.lost(asked.searched[1].radius_m, now_ns)
             self._swept, self._before = self._before, None
 
-    def _tested(self, h: Hypothesis, asked: _Asked, answer: Fix | NoFix, origin: GeoPoint) -> Hypothesis:
+    def _tested(self, h: Hypothesis, asked: _Asked, answer: Fix | NoFix, origin: GeoPoint) -> tuple[Hypothesis, ...]:
+        """A hypothesis after an answer. A fix where it does not lead, or about one that is anywhere by now, is a place of
+        its own, as a tile's is."""
         if h.number != asked.number:
-            return h
+            return (h,)
         if isinstance(answer, Fix) and answer.probability_wrong <= MOST_WRONG:
-            north, east, _ = wgs84.ned_from_geo(answer.place, origin)
-            if _is_vague(h, VAGUE_HEIGHTS * asked.height_m):
-                return hypotheses.missed(h)
+            place_ne_m = wgs84.ned_from_geo(answer.place, origin)[:2]
+            vague = _is_vague(h, VAGUE_HEIGHTS * asked.height_m)
+            if vague or not hypotheses.leads_to(h, place_ne_m, answer.cov_ne_m2):
+                return hypotheses.missed(h), self._born(asked, place_ne_m)
             sure = answer.probability_wrong <= SURE_WRONG
-            return hypotheses.confirmed(h, (north, east), answer.cov_ne_m2, spacing_m(answer, asked.height_m), sure)
+            spacing = spacing_m(answer, asked.height_m)
+            return (hypotheses.confirmed(h, place_ne_m, answer.cov_ne_m2, spacing, sure),)
         untold = isinstance(answer, Fix) or answer.reason in SAYS_NOTHING
-        return hypotheses.untold(h) if untold else hypotheses.missed(h)
-
-    def _stray(self, asked: _Asked, answer: Fix | NoFix, origin: GeoPoint) -> tuple[Hypothesis, ...]:
-        """A fix about a hypothesis that does not lead there, or is anywhere by now, is a place of its own, as a tile's is."""
-        h = next((h for h in self._places if h.number == asked.number), None)
-        if h is None or not isinstance(answer, Fix) or answer.probability_wrong > MOST_WRONG:
-            return ()
-        north, east, _ = wgs84.ned_from_geo(answer.place, origin)
-        if hypotheses.leads_to(h, (north, east), answer.cov_ne_m2) and not _is_vague(h, VAGUE_HEIGHTS * asked.height_m):
-            return ()
-        return (self._born(asked, (north, east)),)
+        return (hypotheses.untold(h) if untold else hypotheses.missed(h),)
 
     def _born(self, asked: _Asked, place_ne_m: Vec2) -> Hypothesis:
         self._n_born += 1

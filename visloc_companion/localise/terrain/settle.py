@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from visloc_companion.localise.terrain.base import Kind
 from visloc_companion.localise.terrain.noise import Stated, told
@@ -42,8 +43,13 @@ LIFTS_M = (0.0, 4.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Settled:
+    """There the derivative by the unknowns `J` (N, 10), and which soundings are on `known` model and how likely `ground` (N,)."""
+
     unknowns: FloatArray
     standing: Standing
+    J: FloatArray
+    known: NDArray[np.bool_]
+    ground: FloatArray
     log_posterior: float
     converged: bool
 
@@ -56,10 +62,8 @@ def settled(fitting: Fitting, found: Refined) -> Refined:
     weight = prior_information(fitting.prior)
     both = [_from(fitting, found, lift, weight) for lift in LIFTS_M]
     best = max(both, key=lambda one: (one.converged, one.log_posterior))
-    difference, J, known = linearised(fitting, best.unknowns)
-    ground = told_apart(best.standing, fitting.cells, difference).ground
-    errors = errors_of(fitting, best.standing.sigma_m, ground, known)
-    by_each, (full, under_errors) = errors.solved(J), errors.told(J)
+    errors = errors_of(fitting, best.standing.sigma_m, best.ground, best.known)
+    by_each, (full, under_errors) = errors.solved(best.J), errors.told(best.J)
     if fitting.soundings.kind is Kind.PROFILE:  # its cells are too few for anything to average out
         under_errors = full
     true = told(best.standing.noise()) * scaled(full, np.eye(2) * math.sqrt(max(found.reliability, LEAST_RELIABLE)))
@@ -98,9 +102,10 @@ def _from(fitting: Fitting, found: Refined, lift_m: float, weight: FloatArray) -
         converged = float(np.abs(step[:3]).max()) < DONE_M
         if converged:
             break
-    difference, _, known = linearised(fitting, unknowns)
-    density = fitting.temper * float(told_apart(standing, cells, difference).log_density[known].sum())
+    difference, J, known = linearised(fitting, unknowns)
+    apart = told_apart(standing, cells, difference)
+    density = fitting.temper * float(apart.log_density[known].sum())
     of_unknowns = -0.5 * float(unknowns[3:] @ weight[3:, 3:] @ unknowns[3:])
     of_height = -0.5 * (float(unknowns[2]) / fitting.prior.sigma_h_m) ** 2
     of_sigma = Stated(expected.sigma_m, STATED).log_prior(standing.sigma_m)
-    return _Settled(unknowns, standing, density + of_unknowns + of_height + of_sigma, converged)
+    return _Settled(unknowns, standing, J, known, apart.ground, density + of_unknowns + of_height + of_sigma, converged)
