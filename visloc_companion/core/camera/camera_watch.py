@@ -1,4 +1,5 @@
-"""Tells the operator once when frames stop, and once when they come again. A picture that is repeated is no frame.
+"""Tells the operator once when frames stop, and once when they come again; once, too, that they come seldom. A picture that is
+repeated is no frame.
 
 Nor is one that only its compression tells from the one before (the worker sees that), nor one whose stamp says that it is old, or
 still to come: a camera process stamps with another clock than the autopilot's, or sends what has waited in a buffer. Nor is one
@@ -15,6 +16,9 @@ from visloc_companion.types import Command, Fix, FrameRef, NoFix, Notice, Severi
 SILENCE_NS = 2_000_000_000
 FIRST_FRAME_NS = 10_000_000_000
 """A camera that is configured has so long for its first frame once the autopilot is heard, and with it the operator."""
+STEADY_NS = 10_000_000_000
+SELDOM_GAPS = 2
+"""Frames that were missing so often, within STEADY_NS of coming back each time, come seldom, until none was for that long."""
 FROZEN = "camera picture stands still, unused"
 MAX_AHEAD_NS = 1_000_000_000
 """No attitude belongs to a frame that is stamped further ahead of the autopilot's clock. It must not wait for one either: every
@@ -29,6 +33,9 @@ class CameraWatch:
         self._since_ns: int | None = None
         self._frame_rx_ns: int | None = None
         self._silent = False
+        self._gaps, self._gap_ns = 0, 0
+        self._gap_end_ns: int | None = None
+        self._seldom = False
         self._checksum: int | None = None
         self._t_boot_ns: int | None = None
         self._stamp_stands = False
@@ -52,9 +59,13 @@ class CameraWatch:
         if not -MAX_AHEAD_NS <= age_ns <= MAX_FRAME_AGE_NS:
             self._age_ns, self._expected = age_ns, True
             return None
-        self._frame_rx_ns, self._age_ns = t_rx_ns, None
-        was_silent, self._silent = self._silent, False
-        return [Notice(Severity.NOTICE, "camera frames are back")] if was_silent else []
+        before_ns, self._frame_rx_ns, self._age_ns = self._frame_rx_ns, t_rx_ns, None
+        if before_ns is not None and t_rx_ns - before_ns > SILENCE_NS:
+            self._gaps = self._gaps + 1 if self._lately_gone(before_ns) else 1
+            self._gap_ns, self._gap_end_ns = t_rx_ns - before_ns, t_rx_ns
+        back = self._silent or (self._seldom and not self._lately_gone(t_rx_ns))
+        self._silent, self._seldom = False, self._seldom and not back
+        return [Notice(Severity.NOTICE, "camera frames are back")] if back else []
 
     def on_answer(self, answer: Fix | NoFix) -> list[Command]:
         """The worker has looked at a frame: it shows the same as the one before, although the camera moved, or it does not."""
@@ -74,13 +85,26 @@ class CameraWatch:
             self._told_frozen = True
             return [Notice(Severity.WARNING, f"visloc: {FROZEN}", to_operator=True)]
         if self._frame_rx_ns is not None:
-            silent = now_ns - self._frame_rx_ns > SILENCE_NS
+            silent = now_ns - self._frame_rx_ns > (max(FIRST_FRAME_NS, 2 * self._gap_ns) if self._seldom else SILENCE_NS)
         else:
             silent = self._since_ns is not None and now_ns - self._since_ns > FIRST_FRAME_NS
         if not silent or self._silent:
             return []
+        if self._comes_seldom(now_ns):
+            self._seldom = True
+            return [Notice(Severity.WARNING, f"visloc: camera frames {self._gap_ns * 1e-9:.0f} s apart", to_operator=True)]
         self._silent = True
         return [Notice(Severity.WARNING, f"visloc: {self._trouble}", to_operator=True)]
+
+    def _comes_seldom(self, now_ns: int) -> bool:
+        """Whether frames that are missing now were missing twice shortly before: told each time, they would fill the operator's
+        list. Of frames that come and are of no use the reason is told instead."""
+        of_use = self._age_ns is None and not self._stamp_stands
+        return of_use and not self._seldom and self._gaps >= SELDOM_GAPS and self._lately_gone(now_ns)
+
+    def _lately_gone(self, now_ns: int) -> bool:
+        """Whether frames were last missed until STEADY_NS before, or later."""
+        return self._gap_end_ns is not None and now_ns - self._gap_end_ns <= STEADY_NS
 
     @property
     def _trouble(self) -> str:

@@ -118,3 +118,52 @@ def test_silence_is_told_once_and_so_is_its_end() -> None:
     assert texts(watch.on_frame(3 * SILENCE_NS, 3 * SILENCE_NS) or []) == ["camera frames are back"]
     assert watch.on_frame(3 * SILENCE_NS + 1, 3 * SILENCE_NS) == []
     assert texts(watch.check(6 * SILENCE_NS)) == ["visloc: no new camera frames"]
+
+
+COMES_AND_GOES = ["visloc: no new camera frames", "camera frames are back"] * 2
+
+
+def heard(watch: CameraWatch, frames_s: list[float], until_s: float) -> list[str]:
+    """What is said, a Tick each 0.1 s, of frames that arrive at these times."""
+    told: list[str] = []
+    waiting = sorted(frames_s)
+    for tick in range(round(until_s * 10) + 1):
+        while waiting and waiting[0] <= tick / 10:
+            at_ns = round(waiting.pop(0) * 1e9)
+            told += texts(watch.on_frame(at_ns, at_ns) or [])
+        told += texts(watch.check(tick * 10**8))
+    return told
+
+
+@pytest.mark.parametrize("period_s", [2.3, 4.0, 9.0, 15.0])
+def test_frames_that_come_seldom_are_told_once(period_s: float) -> None:
+    """A camera slower than a frame in 2 s: the operator read that frames are missing with each of them, and nothing else."""
+    told = heard(CameraWatch(), [k * period_s for k in range(100)], 99 * period_s)
+    assert told == [*COMES_AND_GOES, f"visloc: camera frames {period_s:.0f} s apart"]
+    assert len(told[-1]) <= 50
+
+
+def test_frames_about_the_limit_apart_are_told_once() -> None:
+    times, at_s = [], 0.0
+    for k in range(100):
+        times.append(at_s)
+        at_s += 1.9 if k % 2 else 2.2
+    assert heard(CameraWatch(), times, at_s - 1.0) == [*COMES_AND_GOES, "visloc: camera frames 2 s apart"]
+
+
+def test_frames_that_come_often_again_are_told_once() -> None:
+    often = [40.0 + 0.5 * k for k in range(60)]
+    told = heard(CameraWatch(), [4.0 * k for k in range(10)] + often, 69.5)
+    assert told[4:] == ["visloc: camera frames 4 s apart", "camera frames are back"]
+
+
+def test_seldom_frames_that_stop_are_told() -> None:
+    watch = CameraWatch()
+    told = heard(watch, [4.0 * k for k in range(10)], 60.0)
+    assert told[4:] == ["visloc: camera frames 4 s apart", "visloc: no new camera frames"]
+    assert texts(watch.on_frame(60 * 10**9, 60 * 10**9) or []) == ["camera frames are back"]
+
+
+def test_two_gaps_far_from_each_other_are_told_each() -> None:
+    times = [0.5 * k for k in range(200) if not (20 < 0.5 * k < 25 or 60 < 0.5 * k < 65)]
+    assert heard(CameraWatch(), times, 99.0) == COMES_AND_GOES
