@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from visloc_companion.errors import ConfigError
-from visloc_companion.whole_file import write_result
+from visloc_companion.whole_file import is_stream, write_result
 
 PLAIN_STEPS = 10
 RESULTS = (".json", ".html")
@@ -96,7 +96,7 @@ def _is_part_of(path: Path, folder: Path) -> bool:
 
 
 def _is_same(path: Path, other: Path) -> bool:
-    if path.exists() and not path.is_file():  # /dev/stdout, a pipe: these take more than one
+    if is_stream(path):  # takes more than one
         return False
     return path.samefile(other) if path.exists() and other.exists() else _real(path) == _real(other)
 

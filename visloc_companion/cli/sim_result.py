@@ -14,8 +14,9 @@ def write_result(record: FlightRecord, result: dict[str, Any], json_file: Path) 
     written."""
     from visloc_companion.cli.progress import result_to, write_json
     from visloc_companion.evaluate.metrics import write_epochs
+    from visloc_companion.whole_file import is_stream
 
-    if json_file.exists() and not json_file.is_file():  # nothing lies beside /dev/stdout
+    if is_stream(json_file):  # nothing lies beside /dev/stdout
         write_json(json_file, {**result, "epochs": None})
         return
     epochs = json_file.with_name(f"{json_file.stem}-epochs.csv")
