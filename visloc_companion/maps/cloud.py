@@ -20,7 +20,8 @@ MAX_POINTS = 8_000_000
 """Most points that are kept. With what reading needs beside it stays below 1 GB, whatever the file holds."""
 LARGEST_M = 1e8
 """No place on earth has larger coordinates in a projected CRS."""
-SUFFIXES = (".npz", ".laz", ".las")
+LAS_SUFFIXES = (".laz", ".las")
+SUFFIXES = (".npz", *LAS_SUFFIXES)
 Box = tuple[float, float, float, float]
 """West, south, east, north in metres along the axes of the file's CRS."""
 

@@ -6,17 +6,18 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from visloc_companion import __version__
-from visloc_companion.errors import MapError, Reason, fault_text
+from visloc_companion.errors import ConfigError, MapError, Reason, fault_text
 from visloc_companion.evaluate.batch import run_all
 from visloc_companion.evaluate.case_ids import require_truth_of
 from visloc_companion.evaluate.clouds.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
@@ -28,7 +29,7 @@ from visloc_companion.localise.registration.claims import doubted
 from visloc_companion.localise.registration.clouds import without_strays
 from visloc_companion.localise.registration.registry import DEFAULT_MAX_PROBABILITY_WRONG, make_registration
 from visloc_companion.localise.registration.similarity import from_origin, near_origin_m
-from visloc_companion.maps.cloud import read_cloud, require_same_crs
+from visloc_companion.maps.cloud import LAS_SUFFIXES, read_cloud, require_same_crs
 from visloc_companion.types import FloatArray
 
 LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "small-gicp", "open3d", "open3d-cpu", "laspy", "lazrs")
@@ -48,14 +49,15 @@ def evaluate_cloud(
     """Register all cases of a folder; the result as it is written to JSON, and case by case.
 
     The method is asked for whatever it finds, and what it doubts more than `max_probability_wrong` becomes a refusal here: so the
-    doubted answers are judged as well. Raises CasesError where the folder cannot be read,
-    ConfigError for a method that there is not, BrokenOff as `evaluate_image`. A case that cannot be read is a
-    `no_fix` with its reason.
+    doubted answers are judged as well. Raises CasesError where the folder cannot be read, ConfigError for a method that there is
+    not and for clouds that nothing installed can read, BrokenOff as `evaluate_image`. A case that cannot be read is a `no_fix`
+    with its reason.
     """
     make_registration(method)
     cases, truth = read_cloud_cases(folder), read_cloud_truth(folder)
     require_truth_of([case.case_id for case in cases], truth, folder / "truth.json")
     cases = cases[:limit]
+    _require_readers(cases)
     posed = [(case, truth.get(case.case_id)) for case in cases]
     run = partial(run_case, method=method, max_probability_wrong=max_probability_wrong)
     results = list[CloudResult]()
@@ -73,6 +75,14 @@ def evaluate_cloud(
     if why is not None:
         raise BrokenOff(document, results, why)
     return document, results
+
+
+def _require_readers(cases: Sequence[CloudCase | BadCloudCase]) -> None:
+    """Else each such case would be a refusal, as if the method had made it. Raises ConfigError."""
+    files = (file for case in cases if isinstance(case, CloudCase) for file in (case.source, case.reference))
+    las = next((file for file in files if file.suffix.lower() in LAS_SUFFIXES), None)
+    if las is not None and find_spec("laspy") is None:
+        raise ConfigError("reading .las and .laz needs laspy", where=str(las), remedy="pip install 'visloc-companion[prep]'")
 
 
 def run_case(posed: Posed, method: str, max_probability_wrong: float = DEFAULT_MAX_PROBABILITY_WRONG) -> CloudResult:

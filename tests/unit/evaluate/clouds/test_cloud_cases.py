@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 from visloc_companion.cli import evaluate_cloud as evaluate_cloud_command
 from visloc_companion.cli.evaluate import evaluate_app
 from visloc_companion.errors import CasesError, ConfigError, Reason
+from visloc_companion.evaluate.clouds import cloud as evaluated
 from visloc_companion.evaluate.clouds.cloud import evaluate_cloud
 from visloc_companion.evaluate.clouds.cloud_cases import BadCloudCase, CloudCase, read_cloud_cases, read_cloud_truth
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
@@ -341,3 +343,15 @@ def test_a_key_that_is_there_twice_is_refused(tmp_path):
     (tmp_path / "cases.json").write_text('[{"id": "a", "source": "a.npz", "source": "b.npz"}]')
     with pytest.raises(CasesError, match=r"cases\.json: cannot be read: 'source' twice in one entry, .*'b\.npz'"):
         read_cloud_cases(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", [".laz", ".LAS"])
+def test_without_what_reads_its_clouds_nothing_is_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
+    """Each case was a `no_fix`, and the exit code 0: figures that say the method found nothing."""
+    entry = {"id": "a", "source": "a.npz", "reference": f"b{suffix}", **SIGMAS}
+    (tmp_path / "cases.json").write_text(json.dumps([entry]))
+    monkeypatch.setattr(evaluated, "find_spec", lambda name: None if name == "laspy" else find_spec(name))
+    with pytest.raises(ConfigError, match=r"needs laspy.*prep"):
+        evaluate_cloud(tmp_path, "height-search")
+    (tmp_path / "cases.json").write_text(json.dumps([entry | {"reference": "b.npz"}]))
+    assert evaluate_cloud(tmp_path, "height-search")[1][0].reason is Reason.BAD_INPUT
