@@ -126,6 +126,20 @@ def test_zero_hertz_asks_once():
     assert len([e for e in events if type(e).__name__ == "Gnss"]) == 1
 
 
+def test_a_message_that_is_asked_for_once_and_does_not_come_is_missed_in_these_words():
+    """`GPS_GLOBAL_ORIGIN arrives at 0.0 Hz instead of 0 Hz`."""
+    queue = CommandQueue(0.7, 197)
+    keeper = StreamKeeper(queue, 3.0)
+    keeper.want(RequestMessage(mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, 0.0), 0)
+    for now_ns in range(0, 60_000_000_000, 500_000_000):
+        keeper.poll(now_ns)
+        if (asked := queue.poll(1, now_ns)[0]) is not None:
+            answer = queue.acknowledged(mav.MAVLink_command_ack_message(asked.command, mav.MAV_RESULT_ACCEPTED), 1, now_ns)
+            assert answer is not None
+            keeper.answered(answer, now_ns)
+    assert keeper.warnings == ["GPS_GLOBAL_ORIGIN was asked for and does not come"]
+
+
 def test_an_acknowledgement_for_another_companion_is_not_ours():
     queue = CommandQueue(ack_timeout_s=0.5, component_id=197)
     queue.ask(Question("a", 511, (30.0, 20000.0)))

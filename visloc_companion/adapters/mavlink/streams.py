@@ -117,7 +117,8 @@ class StreamKeeper:
             stream.state, stream.failures = StreamState.ARRIVING, 0
             stream.window_from_ns, stream.count = now_ns, 0
         else:
-            self._failed(stream, f"arrives at {got_hz:.1f} Hz instead of {rate_hz:g} Hz", now_ns)
+            seldom = f"arrives at {got_hz:.1f} Hz instead of {rate_hz:g} Hz"
+            self._failed(stream, seldom if rate_hz > 0 else "was asked for and does not come", now_ns)
 
     def _failed(self, stream: _Stream, why: str, now_ns: int) -> None:
         stream.failures += 1
