@@ -45,6 +45,12 @@ def number_in(text: str) -> float:
     return float(text.replace("_", "no digit"))
 
 
+def finer(t_us: str) -> str:
+    """What to do about rows of one time, this being that of one of them: with a fraction it is of one microsecond with the other
+    for being in seconds."""
+    return "write finer times" if number_in(t_us).is_integer() else f"write microseconds ({t_us} looks like seconds)"
+
+
 def torn(path: Path) -> list[str]:
     """A sentence on a table that ends in the middle of a row, as a loss of power leaves it; what is whole of it is read."""
     with suppress(OSError, UnicodeDecodeError, csv.Error):

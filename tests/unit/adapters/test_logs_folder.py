@@ -179,6 +179,16 @@ def test_a_wrong_camera_file_is_named(flight: Path, toml: str, words: str) -> No
             "t_us,lat_deg,lon_deg,h_amsl_m\n60000000,47,8,9\n61000000,47,8,9\n60000000.0,47,8.001,9\n",
             "row 3, column t_us: has the time of row 1 and another place",
         ),
+        (
+            "frames.csv",
+            "t_us,file\n60.0,f0.png\n60.5,f1.png\n",
+            "write microseconds (60.5 looks like seconds), and the frames of one",
+        ),
+        (
+            "truth.csv",
+            "t_us,lat_deg,lon_deg,h_amsl_m\n60.0,47,8,9\n60.1,47,8.001,9\n",
+            "another place; remedy: write microseconds (60.1 looks like seconds), or leave",
+        ),
     ],
 )
 def test_a_wrong_table_is_named(flight: Path, name: str, text: str, words: str) -> None:

@@ -84,6 +84,9 @@ def test_two_frames_of_one_time_in_a_video_are_refused(flight: Path) -> None:
         open_folder(flight)
     with pytest.raises(CameraError, match=told):
         VideoCamera(flight / "video.avi", MODEL, JumpingClock())
+    (flight / "frames.csv").write_text("t_us\n60.04\n60.08\n60.12\n")
+    with pytest.raises(LogError, match=r"row 2, .* remedy: write microseconds \(60\.08 looks like seconds\); "):
+        open_folder(flight)
 
 
 def test_the_page_names_every_ending() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from visloc_companion.adapters.camera.video_stamps import frame_count
-from visloc_companion.adapters.table import ErrorKind, number_in, read_table, refuse
+from visloc_companion.adapters.table import ErrorKind, finer, number_in, read_table, refuse
 from visloc_companion.errors import CameraError
 
 TIME_BASES = ("autopilot_boot", "unix", "offset")
@@ -50,7 +50,7 @@ def files_listed(table: Path, kind: ErrorKind = CameraError) -> list[tuple[int, 
         first, known = found.setdefault(t_us, (number, row["file"]))
         if known != row["file"]:
             what = f"has the time of row {first} and another file"
-            raise refuse(table, number, "t_us", what, "write finer times, and the frames of one camera only", kind)
+            raise refuse(table, number, "t_us", what, f"{finer(row['t_us'])}, and the frames of one camera only", kind)
     return [(t_us, found[t_us][1]) for t_us in sorted(found)]
 
 
@@ -66,7 +66,7 @@ def times_of_video(table: Path, video: Path, kind: ErrorKind = CameraError) -> t
             raise refuse(table, number, "t_us", "goes back", _A_ROW_EACH, kind)
         if after_us == 0:
             what = f"has the time of row {number - 1}, and each frame one of its own"
-            raise refuse(table, number, "t_us", what, f"write finer times; {_A_ROW_EACH}", kind)
+            raise refuse(table, number, "t_us", what, f"{finer(row['t_us'])}; {_A_ROW_EACH}", kind)
     named = [row["file"] for row in rows if row.get("file") and row["file"] != video.name]
     if pictures := [name for name in named if (table.parent / name).is_file()]:
         raise kind(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from visloc_companion.adapters.logs.recording import NS_PER_US
-from visloc_companion.adapters.table import number_in, read_table, refuse
+from visloc_companion.adapters.table import finer, number_in, read_table, refuse
 from visloc_companion.types import GeoPoint
 
 _COLUMNS = ("t_us", "lat_deg", "lon_deg", "h_amsl_m")
@@ -35,7 +35,7 @@ def read_truth(path: Path, boot_from_file_ns: int) -> list[TruthRow]:
         first, known = found.setdefault(row.t_ns, (number, row))
         if known != row:
             what = f"has the time of row {first} and another place"
-            raise refuse(path, number, "t_us", what, "write finer times, or leave one of the places out")
+            raise refuse(path, number, "t_us", what, f"{finer(values['t_us'])}, or leave one of the places out")
     return sorted((row for _, row in found.values()), key=lambda row: row.t_ns)
 
 
