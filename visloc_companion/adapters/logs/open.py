@@ -15,6 +15,14 @@ from visloc_companion.errors import LogError
 _Reader = Callable[..., Recording]
 _BY_SUFFIX: dict[str, _Reader] = {".tlog": read_tlog, ".bin": read_dataflash, ".ulg": read_ulog, ".ulog": read_ulog}
 LOG_SUFFIXES = tuple(_BY_SUFFIX)
+_COMPRESSED = {
+    b"\x1f\x8b\x08": "zcat",
+    b"PK\x03\x04": "unzip -p",
+    b"BZh": "bzcat",
+    b"\xfd7zXZ": "xzcat",
+    b"\x28\xb5\x2f\xfd": "zstdcat",
+}
+"""What a compressed file begins with, and what makes a log of it."""
 _REMEDY = "give a .tlog, .bin or .ulg file, an .mcap journal, or a folder with telemetry.*"
 
 
@@ -25,11 +33,15 @@ def open_log(path: Path, system_id: int = 0, boot: int = 0) -> Recording:
     on-board log, from 1 (0: the one that tells most). Raises LogError naming the file where it is missing, of another kind, or
     holds no such flight.
     """
+    if path.is_fifo():
+        raise LogError("is a pipe, and a log is read more than once", where=str(path), remedy="write it into a file first")
     try:
         with path.open("rb") as file:
             head = file.read(16)
     except OSError as why:
         raise LogError(f"cannot be read: {why}", where=str(path), remedy=_REMEDY) from why
+    if unpack := next((command for begin, command in _COMPRESSED.items() if head.startswith(begin)), None):
+        raise LogError("is compressed", where=str(path), remedy=f"{unpack} {path.name} > LOG, and replay that")
     reader = _by_content(head) or _BY_SUFFIX.get(path.suffix.lower())
     if reader is None:
         raise LogError(f"is no log that is known (it begins with {head[:8].hex(' ')})", where=str(path), remedy=_REMEDY)
