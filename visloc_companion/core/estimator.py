@@ -74,8 +74,8 @@ class PositionFilter:
         """What was seen before this time can no longer be taken, or not yet: the filter began later."""
         return self._base.t_ns
 
-    def observe(self, fix: Fix) -> Accepted | Rejected | TooOld:
-        """Take a fix at its image time."""
+    def observe(self, fix: Fix, mounting_rad: float = 0.0) -> Accepted | Rejected | TooOld:
+        """Take a fix at its image time. `mounting_rad`: 1-sigma on each axis of the mounting in its claim."""
         north, east, _ = wgs84.ned_from_geo(fix.place, self._origin)
         height_m = fix.place.h_amsl_m - self._origin.h_amsl_m
         view_ne_m, spacing_m = votes.looked_at(fix, height_m)
@@ -92,6 +92,8 @@ class PositionFilter:
             view_ne_m=view_ne_m,
             spacing_m=spacing_m,
             heading_rad=euler_from_quat(fix.q_ned_frd)[2],
+            mounting_rad=mounting_rad,
+            height_m=height_m,
         )
         return self._take(measured)
 

@@ -348,11 +348,11 @@ class Tracker:
         """Horizontal protection level at a time; None before seeding."""
         return None if self._filter is None else self._filter.protection_level_m(t_ns, self.gnss_false)
 
-    def observe(self, fix: Fix) -> Accepted | Rejected | TooOld | None:
-        """Take a fix; None before seeding."""
+    def observe(self, fix: Fix, mounting_rad: float = 0.0) -> Accepted | Rejected | TooOld | None:
+        """Take a fix (estimator.PositionFilter.observe); None before seeding."""
         if self._filter is None:
             return None
-        outcome = self._teach(fix.t_ns, self._filter.observe(fix))
+        outcome = self._teach(fix.t_ns, self._filter.observe(fix, mounting_rad))
         if isinstance(outcome, Accepted) and fix.method not in BY_SHAPE:
             self.heading.borne_out()
         return outcome

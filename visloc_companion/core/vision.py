@@ -251,7 +251,7 @@ class Vision:
         self._nothing_open()
         held, before = self._tracker.at(fix.t_ns), self._tracker.rests
         fix = self._onboard.stated(fix, held)
-        outcome = self._tracker.observe(fix)
+        outcome = self._tracker.observe(fix, self._onboard.mounting_rad)
         if isinstance(outcome, Rejected):
             return [*self._complaints.about(fix, outcome.reason, now_ns, Severity.INFO)]
         if not isinstance(outcome, Accepted):
@@ -309,7 +309,7 @@ class Vision:
         why = None if fix.method == TERRAIN else self._why_waits(fix, state)
         if why is not None:
             return [*why, *self.free_worker(fix, now_ns)]
-        outcome = self._tracker.observe(fix)
+        outcome = self._tracker.observe(fix, self._onboard.mounting_rad)
         anew, origin = self._began_anew(before), self._tracker.origin
         if self._terrain is not None and fix.method == TERRAIN and isinstance(outcome, Accepted) and state and origin:
             self._terrain.learn(fix, state, origin)

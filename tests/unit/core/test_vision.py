@@ -86,7 +86,7 @@ def test_a_fix_that_rounding_makes_nothing_of_does_not_speak_against_gnss(
     monkeypatch.setattr(w.navigator._aiding, "refused", shown.append)
     w.send(fix(w, w.t, (500.0, 0.0)))
     assert len(shown) == 1
-    monkeypatch.setattr(w.navigator._tracker, "observe", lambda _: Rejected(Reason.NOT_FINITE, 0.0))
+    monkeypatch.setattr(w.navigator._tracker, "observe", lambda *_: Rejected(Reason.NOT_FINITE, 0.0))
     w.send(fix(w, w.t, (500.0, 0.0)))
     assert [t for t in texts(w) if "Fix not used" in t] == ["Fix not used: gated", "Fix not used: not_finite"]
     assert len(shown) == 1

@@ -30,6 +30,7 @@ from visloc_companion.core.camera.unseen_zoom import doubted
 from visloc_companion.core.camera.zoom_ramp import ZoomRamp
 from visloc_companion.core.camera.zoom_watch import ZoomWatch
 from visloc_companion.core.filter.claim_watch import ClaimWatch
+from visloc_companion.core.filter.lasting import BY_SHAPE
 from visloc_companion.core.terrain.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
@@ -56,7 +57,8 @@ TIMED_S = 0.02
 
 
 class OnboardCamera:
-    """Stands between frames and requests, and between answers and the filter."""
+    """Stands between frames and requests, and between answers and the filter. `mounting_rad`: 1-sigma, on each axis, of the
+    mounting in what the fix claims that was stated last, 0 where that is not known."""
 
     def __init__(
         self,
@@ -78,7 +80,7 @@ class OnboardCamera:
         self._swings = LensSwings()
         self._heights, self._distortion = FixHeightWatch(), DistortionWatch(clock, gimbal or attitude)
         self._level, self.zoom, self._aim = LevelWatch(clock, attitude), ZoomWatch(), Aim()
-        self.ramp = ZoomRamp(tracker, self.zoom)
+        self.ramp, self.mounting_rad = ZoomRamp(tracker, self.zoom), 0.0
 
     @property
     def q_carrier_cambody(self) -> Quat:
@@ -266,11 +268,18 @@ class OnboardCamera:
         return told
 
     def stated(self, fix: Fix, state: NavState | None) -> Fix:
-        """The fix with what its time may be off by in its covariance; `state`: the filter's at that time."""
+        """The fix with what its time and the tilt that it was told may be off by in its covariance; `state`: the filter's at that
+        time."""
+        self.mounting_rad = 0.0
         per_focal_ne_m = self.ramp.stated(fix)
         if per_focal_ne_m is not fix.per_focal_ne_m:
             fix = replace(fix, per_focal_ne_m=per_focal_ne_m)
-        return fix if state is None or fix.method == TERRAIN else self._time.stated(fix, state.v_ned_mps)
+        if state is None or fix.method == TERRAIN:
+            return fix
+        if fix.method not in BY_SHAPE:
+            self.mounting_rad, more_rad2 = self._tilt.told(fix, state.v_ned_mps[:2], self._height_m)
+            fix = _with_more(fix, more_rad2 * self._height_m**2)
+        return self._time.stated(fix, state.v_ned_mps)
 
     def on_fix(self, fix: Fix, *, taken: bool, gnss_trusted: bool) -> list[Command]:
         """Learn from a fix, of the tilt where the filter took it, of the mounting beside a GNSS that is good."""
@@ -332,3 +341,11 @@ class OnboardCamera:
     def _mount_anew(self) -> None:
         """What fixes taught of mounting and tilt was of another time or place."""
         self._boresight, self._tilt = Boresight(self._configured), TiltMemory(self._mount_sigma_rad)
+
+
+def _with_more(fix: Fix, more_m2: float) -> Fix:
+    """The fix with so much more variance on each axis."""
+    if more_m2 == 0:
+        return fix
+    (nn, ne), (en, ee) = fix.cov_ne_m2
+    return replace(fix, cov_ne_m2=((nn + more_m2, ne), (en, ee + more_m2)))

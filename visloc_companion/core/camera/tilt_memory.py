@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,10 +28,12 @@ from visloc_companion.core.filter.lasting import SHARE, apart_m, root_m
 from visloc_companion.core.remembered import remember
 from visloc_companion.geo import se3
 from visloc_companion.geo.tilt import CAMERA_SIGMA, by_camera, composed, tilt_gained
-from visloc_companion.types import Fix, FloatArray, LocaliseRequest, Quat, TiltBefore, TiltPrior, Turn, Vec2
+from visloc_companion.types import Fix, FloatArray, LocaliseRequest, Quat, TiltBefore, TiltPrior, TiltSeen, Turn, Vec2
 
 MOUNTING, ATTITUDE, IN_COMMON, KEPT, CAMERA = (slice(k, k + 2) for k in (0, 2, 4, 6, 8))
 TILT, STATES = slice(0, 4), 10
+UNIT = np.eye(2)
+"""It is never changed."""
 ATTITUDE_SIGMA_RAD, ATTITUDE_S = math.radians(0.4), 20.0
 """Of the autopilot's tilt, Gauss-Markov: ArduCopter's simulator shows 0.1 degrees with GNSS and 0.2 to 0.4 on vision, where it is
 calm."""
@@ -69,6 +72,31 @@ class _Stretch:
     q_before: Quat
 
 
+class Told(NamedTuple):
+    """Of the tilt that a fix claims, on each axis: the mounting's 1-sigma (rad), as it is known with what that fix sees, and by
+    how much the variance is larger than its localiser can know (rad²), which takes the slope of the ground in view for news,
+    though earlier fixes took the same slope for a tilt."""
+
+    mounting_rad: float
+    more_rad2: float
+
+
+class _Asked(NamedTuple):
+    """Of a request: what is seen of mounting and attitude (2, 4), and the variance of the tilt that it tells, rad²."""
+
+    H: FloatArray
+    told_rad2: float
+
+
+class _Seen(NamedTuple):
+    """Mean (10,) and covariance (10, 10) when a fix saw the tilt, what it saw of them (2, 10), and what is new in it (2, 2)."""
+
+    x: FloatArray
+    P: FloatArray
+    H: FloatArray
+    R: FloatArray
+
+
 class TiltMemory:
     """`known` is for the next request's prior; the others learn. `sigma_rad`: 1-sigma of mounting and attitude together."""
 
@@ -77,7 +105,7 @@ class TiltMemory:
         self._mounting_rad = math.sqrt(sigma_rad**2 - self._attitude_rad**2)
         self._least_rate = self._rate = LEAST_HASTE * 2 * self._attitude_rad**2 / ATTITUDE_S
         self._stretch: _Stretch | None = None
-        self._asked: dict[int, FloatArray] = {}
+        self._asked: dict[int, _Asked] = {}
         self._frames: dict[int, tuple[Quat, FloatArray]] = {}
         self._begin()
 
@@ -110,10 +138,31 @@ class TiltMemory:
         north, east = (H @ x[TILT]).tolist()
         return (north, east), math.sqrt(float(np.linalg.eigvalsh(H @ P[TILT, TILT] @ H.T)[-1]))
 
+    def told(self, fix: Fix, v_ne_mps: Vec2, height_m: float) -> Told:
+        """What a fix claims of the tilt, at a velocity and a height above the ground, before it is taken; nothing of one that saw
+        no tilt."""
+        asked = self._asked.get(fix.request_id)
+        if asked is None or fix.tilt is None or height_m <= 0:
+            return Told(0.0, 0.0)
+        seen = self._seen(fix, fix.tilt, asked.H, v_ne_mps, height_m)
+        P, H, R = seen.P, seen.H, seen.R
+        of_mounting = P[MOUNTING] @ H.T
+        mounting = P[MOUNTING, MOUNTING] - of_mounting @ np.linalg.solve(H @ P @ H.T + R, of_mounting.T)
+        blocks = np.array(fix.tilt.cov_rad2)
+        kept = blocks @ np.linalg.inv(asked.told_rad2 * UNIT + blocks)  # of what was told; the rest is the picture's
+        of_fix = kept @ H
+        of_fix[:, IN_COMMON] -= H[:, IN_COMMON]
+        by_picture = UNIT - kept
+        errs_rad2 = of_fix @ P @ of_fix.T + by_picture @ R @ by_picture.T
+        more = float(np.trace(errs_rad2 - asked.told_rad2 * kept)) / 2
+        return Told(math.sqrt(max(0.0, float(np.trace(mounting)) / 2)), max(0.0, more))
+
     def asked(self, request: LocaliseRequest, q_ned_frd: Quat) -> None:
         """Remember the attitude of the vehicle, and that of the camera's body, that a request's prior has."""
         H = _seen_of(se3.R_from_quat(q_ned_frd))
-        remember(self._asked, request.request_id, H)
+        known = request.prior.tilt
+        told_rad = request.prior.sigma_tilt_rad if known is None else known.sigma_rad
+        remember(self._asked, request.request_id, _Asked(H, told_rad**2))
         remember(self._frames, request.frame.t_ns, (request.prior.q_ned_frd, H), FRAMES_KEPT)
 
     def remounted(self, turn_rad: FloatArray) -> None:
@@ -201,16 +250,10 @@ class TiltMemory:
 
     def taken(self, fix: Fix, v_ne_mps: Vec2, height_m: float) -> None:
         """Learn from a fix that the filter took, at a velocity and a height above the ground."""
-        H_tilt = self._asked.pop(fix.request_id, None)
-        if H_tilt is None or fix.tilt is None or fix.probability_wrong > SURE or height_m <= 0:
+        asked = self._asked.pop(fix.request_id, None)
+        if asked is None or fix.tilt is None or fix.probability_wrong > SURE or height_m <= 0:
             return
-        x, P = self._carried(fix.t_ns)
-        since_s = 0.0 if self._fix_ns is None else max(0.0, (fix.t_ns - self._fix_ns) * 1e-9)
-        _forget(x, P, IN_COMMON, math.exp(-math.hypot(*v_ne_mps) * since_s / apart_m(height_m)), 1.0)
-        cov = np.array(fix.tilt.cov_rad2)
-        in_common = root_m(cov + CHANGED_RAD**2 / SHARE * np.eye(2))  # the root is of SHARE of it
-        H = np.hstack([H_tilt, in_common, np.zeros((2, STATES - KEPT.start))])
-        R = (1 - SHARE) * cov
+        x, P, H, R = self._seen(fix, fix.tilt, asked.H, v_ne_mps, height_m)
         nu = np.array(fix.tilt.turn_ne_rad) - H @ x
         S = H @ P @ H.T + R
         nis = float(nu @ np.linalg.solve(S, nu))
@@ -224,6 +267,14 @@ class TiltMemory:
         self._learn(H, nu, R + _unexpected(nis, S))
         self._fix_ns = fix.t_ns if self._fix_ns is None else max(self._fix_ns, fix.t_ns)
         self._t_ns = fix.t_ns if self._t_ns is None else max(self._t_ns, fix.t_ns)
+
+    def _seen(self, fix: Fix, tilt: TiltSeen, H_tilt: FloatArray, v_ne_mps: Vec2, height_m: float) -> _Seen:
+        x, P = self._carried(fix.t_ns)
+        since_s = 0.0 if self._fix_ns is None else max(0.0, (fix.t_ns - self._fix_ns) * 1e-9)
+        _forget(x, P, IN_COMMON, math.exp(-math.hypot(*v_ne_mps) * since_s / apart_m(height_m)), 1.0)
+        cov = np.array(tilt.cov_rad2)
+        in_common = root_m(cov + CHANGED_RAD**2 / SHARE * UNIT)  # the root is of SHARE of it
+        return _Seen(x, P, np.hstack([H_tilt, in_common, np.zeros((2, STATES - KEPT.start))]), (1 - SHARE) * cov)
 
     def _carried(self, t_ns: int) -> tuple[FloatArray, FloatArray]:
         """Mean (10,) and covariance (10, 10) at a time."""

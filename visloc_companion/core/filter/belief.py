@@ -10,7 +10,7 @@ import numpy as np
 
 from visloc_companion.core.filter import alike, relocalise, separation
 from visloc_companion.core.filter.claims import Claim
-from visloc_companion.core.filter.lasting import LEAST_APART_M
+from visloc_companion.core.filter.lasting import LEAST_APART_M, Mounting
 from visloc_companion.core.filter.lean import UPRIGHT
 from visloc_companion.core.filter.propagation import (
     FIX_LENS,
@@ -56,7 +56,7 @@ class Doubt:
 
 
 class Belief(NamedTuple):
-    """The filter at `t_ns`: mean x (15,), covariance P (15, 15), and its memory.
+    """The filter at `t_ns`: mean x (17,), covariance P (17, 17), and its memory.
 
     `travel_ne_m`: the integral of the driving velocity; `moved_ne_m`: how far the propagation carried the position (for an
     inertial velocity without the error that it knows of). `votes`: what each method said last (votes.py); `without`: the
@@ -69,7 +69,8 @@ class Belief(NamedTuple):
     length, a share, beside what is believed of every lens; `contradicting`: fixes that were rejected since the filter agreed with
     one of their method (contradiction.py); `alike`: by what the filter may be off if fixes are wrong alike (alike.py);
     `headings_rad`: those of the camera that the last fix had when GNSS last told the level what fixes have in common, and has now
-    (by_gnss.py). A tuple, since some fifty are made for a second of flight; two are never compared.
+    (by_gnss.py); `mounting_rad`: 1-sigma of the mounting that its states are in, 0 before a fix told one. A tuple, since some
+    fifty are made for a second of flight; two are never compared.
     """
 
     t_ns: int
@@ -97,6 +98,7 @@ class Belief(NamedTuple):
     contradicting: tuple[relocalise.Candidate, ...] = ()
     alike: alike.Alike = NEVER_OFF
     headings_rad: Vec2 | None = None
+    mounting_rad: float = 0.0
 
     @property
     def rested_ns(self) -> int:
@@ -127,7 +129,8 @@ class Position:
     """A horizontal position measurement. `from_fix` tells vision from GNSS; `apart_m`: after this way what fixes have in common
     has gone by; `view_ne_m`: from there to the ground looked at, ground `spacing_m` further on is other ground (votes.py);
     `per_focal_ne_m`: what a lens that is longer than calibrated adds to it, per share of the focal length; `heading_rad`: of the
-    camera, None without one."""
+    camera, None without one; `mounting_rad`: 1-sigma, on each axis, of its mounting as the covariance has it, 0 where that is
+    not known, and `height_m`, over which it errs on the ground."""
 
     t_ns: int
     p_ne_m: Vec2
@@ -141,6 +144,15 @@ class Position:
     view_ne_m: Vec2 = (0.0, 0.0)
     spacing_m: float = LEAST_SPACING_M
     heading_rad: float | None = None
+    mounting_rad: float = 0.0
+    height_m: float = 0.0
+
+    @property
+    def mounting(self) -> Mounting | None:
+        """What the camera's mounting has of it; None where that is not known."""
+        if self.mounting_rad == 0 or self.heading_rad is None:
+            return None
+        return Mounting(self.mounting_rad * abs(self.height_m), self.heading_rad)
 
     def looks_at_ne_m(self, place_ne_m: FloatArray) -> Vec2:
         """The ground looked at (metres north, east) by who is at a place (2,)."""
@@ -203,5 +215,5 @@ def lens_known(belief: Belief, share: float) -> Belief:
 
 
 def widened_by(belief: Belief, more: FloatArray) -> Belief:
-    """The belief with a covariance (15, 15) added."""
+    """The belief with a covariance (17, 17) added."""
     return belief._replace(P=belief.P + more, without=separation.widened(belief.without, more))

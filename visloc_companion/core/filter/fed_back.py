@@ -33,7 +33,7 @@ MOST_SQUARED = 8.0
 def learned(over: float, squared: float, P: FloatArray, S: FloatArray, since_s: float) -> float:
     """By what factor, at least 1, the variance of the velocity's error is larger than the model says, after a fix that was taken.
 
-    `over`: what it was before; `squared`: the fix's normalised squared innovation over its degrees of freedom; P (15, 15): the
+    `over`: what it was before; `squared`: the fix's normalised squared innovation over its degrees of freedom; P (17, 17): the
     filter's covariance before the fix; S (2, 2): the innovation's; `since_s`: the time since the last fix.
     """
     (north_m2ps2, _), (_, east_m2ps2) = P[VELOCITY, VELOCITY].tolist()

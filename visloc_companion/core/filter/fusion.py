@@ -36,6 +36,7 @@ from visloc_companion.core.filter.propagation import (
     ACCELERATION,
     H_POSITION,
     HEADING,
+    MOUNTING,
     N_CONSIDERED,
     N_STATES,
     POSITION,
@@ -156,13 +157,14 @@ def propagated(
         belief.contradicting,
         NEVER_OFF if alone else alike.carried(belief.alike, F),
         belief.headings_rad,
+        belief.mounting_rad,
     )
 
 
 def taken(
     belief: Belief, z: FloatArray, R: FloatArray, H: FloatArray, gate_sigma: float = math.inf
 ) -> tuple[Belief, Accepted | Rejected]:
-    """The belief after a measurement z (2,), R (2, 2) of H x, H (2, 15), that is no fix: every solution takes it, too."""
+    """The belief after a measurement z (2,), R (2, 2) of H x, H (2, 17), that is no fix: every solution takes it, too."""
     considered = min(1, CONSIDERED[belief.drive])
     got = kalman.update(belief.x, belief.P, z, R, H, gate_sigma=gate_sigma, n_considered=considered)
     if isinstance(got, Rejected):
@@ -219,8 +221,11 @@ def observed(
     at, cov = np.array(z.p_ne_m), np.array(z.cov_ne_m2)
     if z.from_fix:
         cov = claims.over(belief.claims, z.method) * cov
-    H, R = lasting.seen(cov, z.method, z.per_focal_ne_m) if z.from_fix else (H_POSITION, cov)
-    extra_m2 = settings.map_sigma_m**2 + (lasting.known_m2(cov, belief.P, H) if z.from_fix else 0.0)
+    known, H, R = belief, H_POSITION, cov
+    if z.from_fix:
+        belief = _knowing(belief, z.mounting_rad)
+        H, R = lasting.seen(cov, z.method, z.per_focal_ne_m, z.mounting)
+    extra_m2 = settings.map_sigma_m**2 + (lasting.known_m2(belief.P, H) if z.from_fix else 0.0)
     got = kalman.update(
         belief.x,
         belief.P,
@@ -263,12 +268,23 @@ def observed(
             after = _agreed(after, z)
         return _leant(_fixed(after, z), belief.lean, off_m, innovation_m2), Accepted(got.nis)
     if not z.from_fix or got.reason is not Reason.GATED:
-        return belief, got
-    belief = refused.remembering(belief, z)
+        return known, got
+    belief = refused.remembering(known, z)
     restart = relocalise.restart(belief.rejected, belief.sigma_v_mps, settings)
     if restart is None:
         return refused.doubting(belief, z), got
     return _fixed(_agreed(refused.restarted(belief, z, restart, settings), z), z), Accepted(got.nis)
+
+
+def _knowing(belief: Belief, mounting_rad: float) -> Belief:
+    """The belief with what the mounting has of fixes in 1-sigmas of what is known of it now."""
+    if mounting_rad in (0.0, belief.mounting_rad):
+        return belief
+    kept = lasting.learned(belief.mounting_rad, mounting_rad)
+    F, Q = np.eye(N_STATES), np.zeros((N_STATES, N_STATES))
+    F[MOUNTING, MOUNTING], Q[MOUNTING, MOUNTING] = kept * UNIT, (1 - kept * kept) * UNIT
+    x, P, same = F.dot(belief.x), F.dot(belief.P).dot(F.T) + Q, alike.carried(belief.alike, F)
+    return belief._replace(x=x, P=P, without=separation.carried(belief.without, F, Q), alike=same, mounting_rad=mounting_rad)
 
 
 def _apart(belief: Belief, z: Position) -> claims.Apart:
@@ -323,7 +339,7 @@ def _others(belief: Belief, z: Position, R: FloatArray, H: FloatArray, n_conside
 
 
 def _alike(belief: Belief, got: kalman.Updated, z: Position, R: FloatArray, H: FloatArray, gain: FloatArray) -> alike.Alike:
-    """What the filter is off by if fixes are wrong alike, after a position that it took with this gain (15, 2)."""
+    """What the filter is off by if fixes are wrong alike, after a position that it took with this gain (17, 2)."""
     again = votes.errs_again(belief.votes, z.method, z.looks_at_ne_m(belief.x[POSITION]), z.spacing_m) if z.from_fix else 1.0
     taken = alike.Taken(z.t_ns, z.method, z.probability_wrong, again, got.innovation, got.seen + R, H, gain)
     return (alike.after_fix if z.from_fix else alike.after_other)(belief.alike, taken)

@@ -18,7 +18,7 @@ SHARE = 0.15
 LEAN_SIGMA = 4.5
 """So far from zero it is no chance: innovations of neighbouring fixes are not quite independent."""
 DOUBT: FloatArray = np.zeros((N_STATES, N_STATES))
-"""(15, 15) covariance that is added then: 5 % of scale and 3 degrees of heading, which the next fixes learn."""
+"""(17, 17) covariance that is added then: 5 % of scale and 3 degrees of heading, which the next fixes learn."""
 DOUBT[ODOMETRY_SCALE, ODOMETRY_SCALE], DOUBT[ODOMETRY_HEADING, ODOMETRY_HEADING] = 0.05**2, math.radians(3.0) ** 2
 UPRIGHT: Vec2 = (0.0, 0.0)
 

@@ -112,7 +112,7 @@ def _confirmed(belief: Belief, doubt: Doubt, claim: Claim, settings: NavigatorSe
 
 
 def _seen(belief: Belief, motion: Motion, share: float, settings: NavigatorSettings) -> tuple[FloatArray, float]:
-    """H (2, 15) of the velocity's mean error over the interval less odometry's own, and the variance of what it leaves out.
+    """H (2, 17) of the velocity's mean error over the interval less odometry's own, and the variance of what it leaves out.
 
     `share`: the last part of the interval, in which the present velocity drove.
     """

@@ -1,7 +1,8 @@
 """How the filter's state goes on between measurements, for each velocity that can drive it.
 
-State (15,), pairs north and east: position at the EKF origin (m), what neighbouring fixes get wrong in common (1-sigmas of that
-part of their claim: lasting.py), error of the driving velocity (its value minus the true one, m/s), error of the acceleration
+State (17,), pairs north and east: position at the EKF origin (m), what neighbouring fixes get wrong in common (1-sigmas of that
+part of their claim: lasting.py), what the camera's mounting has of that, ahead and to the right (1-sigmas likewise), error of the
+driving velocity (its value minus the true one, m/s), error of the acceleration
 that an inertial velocity is integrated from (m/s²), lasting error of the velocity that the air tells (wind, m/s:
 air_velocity.py); then the error of the heading by which those accelerations were turned (rad, clockwise), and what odometry gets
 wrong in scale (a share), in heading (rad), and by a lens that is longer than calibrated (a share of the focal length); last the
@@ -30,12 +31,14 @@ from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo.camera import FOCAL_SHARE
 from visloc_companion.types import FloatArray, Vec2
 
-N_STATES = 15
-POSITION, LASTING, VELOCITY, ACCELERATION, AIR = (slice(k, k + 2) for k in range(0, 10, 2))
-HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING, ODOMETRY_LENS, FIX_LENS = 10, 11, 12, 13, 14
+N_STATES = 17
+POSITION, LASTING, MOUNTING, VELOCITY, ACCELERATION, AIR = (slice(k, k + 2) for k in range(0, 12, 2))
+HEADING, ODOMETRY_SCALE, ODOMETRY_HEADING, ODOMETRY_LENS, FIX_LENS = 12, 13, 14, 15, 16
+LASTS = slice(LASTING.start, MOUNTING.stop)
+"""What lasts of a fix."""
 PAIRS = np.array([pair.start for pair in (POSITION, VELOCITY, ACCELERATION, AIR)])
 AXES = tuple((N_STATES * (PAIRS + axis)[:, None] + PAIRS + axis).ravel() for axis in range(2))
-"""Where PAIRS of each axis stand in a matrix (15, 15) row by row."""
+"""Where PAIRS of each axis stand in a matrix (17, 17) row by row."""
 H_POSITION: FloatArray = np.eye(N_STATES)[POSITION]
 N_CONSIDERED = N_STATES - VELOCITY.start
 """States that stay as they are where the velocity descends from our own fixes."""
@@ -76,13 +79,13 @@ class Drive(Enum):
 
 
 def initial_covariance(position_m: float, velocity_mps: float, acceleration_mps2: float) -> FloatArray:
-    """(15, 15) where position and the errors of velocity and acceleration have these 1-sigmas, and the air tells nothing yet."""
-    pairs = np.repeat((position_m, 1.0, velocity_mps, acceleration_mps2, AIR_SIGMA_MPS), 2)
+    """(17, 17) where position and the errors of velocity and acceleration have these 1-sigmas, and the air tells nothing yet."""
+    pairs = np.repeat((position_m, 1.0, 1.0, velocity_mps, acceleration_mps2, AIR_SIGMA_MPS), 2)
     return np.diag(np.square([*pairs, *(sigma for _, sigma, _ in SLOW)]))
 
 
 class Step(NamedTuple):
-    """x -> F x and P -> F P F' + Q + s^2 V for a velocity whose error has the 1-sigma s; all (15, 15). V is of position and
+    """x -> F x and P -> F P F' + Q + s^2 V for a velocity whose error has the 1-sigma s; all (17, 17). V is of position and
     velocity alone and the same on both axes. `own` (3, 3) carries on what a solution has of it: variance of the position,
     covariance with the velocity, variance of the velocity; `own_more` (3, 1) is what a larger s^2 adds to these."""
 
@@ -174,6 +177,7 @@ def _wandering(F: FloatArray, Q: FloatArray, V: FloatArray, dt_s: float) -> Step
     own = _own(F[0, 1], F[1, 1], V)
     whole = Step(_both_axes(F), _both_axes(Q), _both_axes(V), own[:, :3], own[:, 3:])
     _wander(whole.F, whole.Q, dt_s)
+    whole.F[MOUNTING, MOUNTING] = np.eye(2)
     return whole
 
 

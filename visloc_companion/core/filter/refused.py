@@ -11,7 +11,7 @@ from visloc_companion.core.filter.belief import NEVER_OFF, Belief, Position, wid
 from visloc_companion.core.filter.propagation import (
     FIX_LENS,
     H_POSITION,
-    LASTING,
+    LASTS,
     N_STATES,
     ODOMETRY_LENS,
     POSITION,
@@ -113,10 +113,13 @@ def restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: 
         x[VELOCITY] += belief.x[VELOCITY]
     P = initial_covariance(0.0, sigma_v, belief.sigma_a_mps2)
     cov = np.array(z.cov_ne_m2)
+    H, new_m2 = lasting.seen(cov, z.method, z.per_focal_ne_m, z.mounting)
+    lasts_m = H[:, LASTS]
+    cov = cov if z.mounting is None else lasts_m.dot(lasts_m.T) + new_m2
     P[FIX_LENS, FIX_LENS] = belief.P[FIX_LENS, FIX_LENS]
     P[ODOMETRY_LENS, ODOMETRY_LENS] += belief.lens_share**2
     P[POSITION, POSITION] = cov + P[FIX_LENS, FIX_LENS] * np.outer(by_lens_m, by_lens_m)
-    P[POSITION, LASTING] = P[LASTING, POSITION] = -lasting.root_m(cov)
+    P[POSITION, LASTS], P[LASTS, POSITION] = -lasts_m, -lasts_m.T
     P[POSITION, FIX_LENS] = P[FIX_LENS, POSITION] = -P[FIX_LENS, FIX_LENS] * by_lens_m
     without = founded(belief, z, by_gnss.released(belief.without))
     off_m, S = np.array(z.p_ne_m) - belief.x[POSITION], belief.P[POSITION, POSITION] + cov
@@ -128,5 +131,6 @@ def restarted(belief: Belief, z: Position, found: relocalise.Restart, settings: 
         started_ns=z.t_ns,
         votes=votes.moved(belief.votes, (north, east)),
         without=without,
+        mounting_rad=z.mounting_rad,
         alike=alike.after_fix(NEVER_OFF, alone),
     )

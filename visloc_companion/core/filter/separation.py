@@ -24,7 +24,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.core.filter.propagation import H_POSITION, N_STATES, POSITION, VELOCITY, Step
+from visloc_companion.core.filter.propagation import ACCELERATION, H_POSITION, HEADING, N_STATES, POSITION, VELOCITY, Step
 from visloc_companion.types import FloatArray
 
 EVERY: Final = "*"
@@ -41,7 +41,7 @@ MERGED_SIGMA, MERGED_VARIANCE = 0.1, 1.1
 
 
 class Way(NamedTuple):
-    """From when covariances P (K, 15, 15) were those of K solutions until now: F P F' + Q, all (15, 15), and `own` (3, K), what
+    """From when covariances P (K, 17, 17) were those of K solutions until now: F P F' + Q, all (17, 17), and `own` (3, K), what
     each has beyond that by its velocity's error (propagation.Step); None where none has. `near` (K, 49): of P that of the states
     by which the position goes on, which is asked for more often than all."""
 
@@ -51,7 +51,7 @@ class Way(NamedTuple):
     near: FloatArray
 
     def on(self, step: Step, Q: FloatArray, more_m2ps2: FloatArray | None) -> Way:
-        """One step further, with noise Q (15, 15), and more variance (K,) of the velocity's error than that has."""
+        """One step further, with noise Q (17, 17), and more variance (K,) of the velocity's error than that has."""
         own = None if self.own is None else step.own.dot(self.own)
         if more_m2ps2 is not None:
             more = step.own_more * more_m2ps2
@@ -64,7 +64,7 @@ class Way(NamedTuple):
         return Way(F.dot(self.F), noise, own, self.near)
 
     def gone(self, P: FloatArray) -> FloatArray:
-        """The covariances now (K, 15, 15)."""
+        """The covariances now (K, 17, 17)."""
         after = _times(self.F @ P, np.ascontiguousarray(self.F.T))  # as it lies in memory F.T would take twice the time
         after += self.Q if self.own is None else (self.own.T.dot(OWN) + self.Q.ravel()).reshape(P.shape)
         return after
@@ -90,7 +90,7 @@ def _of_own() -> FloatArray:
 
 
 OWN = _of_own()
-MOVING = np.array([0, 1, 4, 5, 6, 7, 10])
+MOVING = np.array([0, 1, *range(VELOCITY.start, ACCELERATION.stop), HEADING])
 """States by which the position goes on: itself, the errors of velocity, acceleration and heading."""
 NEAR = (N_STATES * MOVING[:, None] + MOVING).ravel()
 
@@ -132,7 +132,7 @@ NONE = Solutions(np.zeros((0, N_STATES)), np.zeros((0, N_STATES, N_STATES)), np.
 
 
 def propagated(solutions: Solutions, step: Step, Q: FloatArray, more_m2ps2: FloatArray | None, moved: FloatArray) -> Solutions:
-    """All solutions through x -> F x + moved (15,), with noise Q (15, 15) and more variance (K,) of the velocity's error."""
+    """All solutions through x -> F x + moved (17,), with noise Q (17, 17) and more variance (K,) of the velocity's error."""
     x = solutions.x.dot(step.F.T)
     x += moved
     if solutions.way is not None:
@@ -142,8 +142,18 @@ def propagated(solutions: Solutions, step: Step, Q: FloatArray, more_m2ps2: Floa
     return _moved(solutions, x, solutions.then, Way(step.F, Q, own, near))
 
 
+def carried(solutions: Solutions, F: FloatArray, Q: FloatArray) -> Solutions:
+    """All of them through x -> F x with noise Q, (17, 17), of states by which no position goes on."""
+    if not len(solutions):
+        return solutions
+    x, way = solutions.x.dot(F.T), solutions.way
+    if way is None:
+        return _moved(solutions, x, F @ solutions.then @ F.T + Q)
+    return _moved(solutions, x, solutions.then, way._replace(F=F.dot(way.F), Q=F.dot(way.Q).dot(F.T) + Q))
+
+
 def widened(solutions: Solutions, more: FloatArray) -> Solutions:
-    """With a covariance (15, 15) added to each."""
+    """With a covariance (17, 17) added to each."""
     if not len(solutions):
         return solutions
     way = solutions.way
@@ -153,7 +163,7 @@ def widened(solutions: Solutions, more: FloatArray) -> Solutions:
 
 
 def renewed(x: FloatArray, P: FloatArray, which: slice, variance: float) -> tuple[FloatArray, FloatArray]:
-    """Means (..., 15) and covariances (..., 15, 15) with two states set to zero, of this variance and independent of the rest."""
+    """Means (..., 15) and covariances (..., 17, 17) with two states set to zero, of this variance and independent of the rest."""
     x, P = x.copy(), P.copy()
     x[..., which] = 0.0
     P[..., which, :] = P[..., :, which] = 0.0

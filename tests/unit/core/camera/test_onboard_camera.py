@@ -267,3 +267,28 @@ def test_once_a_delay_is_told_what_was_seen_before_it_counts_no_more(tracker: Tr
             assert isinstance(of_vehicle, Fix)
             assert of_vehicle.motion is not None
     assert told_at is not None
+
+
+def test_a_stated_fix_comes_with_what_the_mounting_has_of_it(tracker: Tracker) -> None:
+    camera = OnboardCamera(LEVEL, SIGMA_RAD, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
+    slope = TiltSeen((0.0, 0.0), ((math.radians(1.6) ** 2, 0.0), (0.0, math.radians(1.6) ** 2)))
+    for k in range(1, 40):
+        prior = PosePrior(HERE, LEVEL, COV, 3.0, 0.05, SIGMA_RAD, tilt=camera.tilt(200 * MS, LEVEL))
+        camera.asked([LocaliseRequest(k, frame(1, None), prior, 1)])
+        camera.on_fix(replace(fix_at(200 * MS), request_id=k, tilt=slope), taken=k < 39, gnss_trusted=False)
+        if k == 1:
+            known = camera.tilt(200 * MS, LEVEL)
+    camera.asked([LocaliseRequest(40, frame(1, None), prior, 1)])
+    fix, state = replace(fix_at(200 * MS), request_id=40, tilt=slope), tracker.at(200 * MS)
+    assert known is not None
+    stated = camera.stated(fix, state)
+    assert 0.5 * SIGMA_RAD < camera.mounting_rad < known.sigma_rad
+    assert stated.cov_ne_m2[0][0] > fix.cov_ne_m2[0][0]
+    assert stated.cov_ne_m2[0][1] == fix.cov_ne_m2[0][1]
+    tracker.observe(stated, camera.mounting_rad)
+    assert tracker.belief is not None and tracker.belief.mounting_rad == camera.mounting_rad
+    for other in (replace(fix, method="structure"), replace(fix, method=TERRAIN), replace(fix, tilt=None)):
+        assert camera.stated(other, state) == other
+        assert camera.mounting_rad == 0
+    assert camera.stated(fix, None) == fix
+    assert camera.mounting_rad == 0

@@ -12,7 +12,7 @@ from visloc_companion.core.filter.belief import Belief, seeded
 from visloc_companion.core.filter.by_gnss import BesideGnss, held, released
 from visloc_companion.core.filter.driving import Velocity
 from visloc_companion.core.filter.exclusion import excluding
-from visloc_companion.core.filter.propagation import POSITION, VELOCITY, Drive
+from visloc_companion.core.filter.propagation import N_STATES, POSITION, VELOCITY, Drive
 from visloc_companion.core.filter.separation import HELD
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.geo import wgs84
@@ -144,7 +144,7 @@ def test_another_origin_moves_it_along() -> None:
 def test_odometry_never_goes_on_from_it() -> None:
     """It rests on the same fixes: what contradicts these it does not explain."""
     belief = Flight().run(20, gnss_east=15.0).belief
-    k, H = belief.without.leaves.index(HELD), np.eye(15)[VELOCITY]
+    k, H = belief.without.leaves.index(HELD), np.eye(N_STATES)[VELOCITY]
     x = belief.without.x.copy()
     x[k, VELOCITY] = 3.0
     belief = belief._replace(without=replace(belief.without, x=x), drive=Drive.INERTIAL)

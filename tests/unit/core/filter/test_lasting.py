@@ -8,7 +8,7 @@ import pytest
 from visloc_companion.core.filter import fusion, lasting
 from visloc_companion.core.filter.belief import Belief, Position, seeded
 from visloc_companion.core.filter.motion import Motion, learned
-from visloc_companion.core.filter.propagation import LASTING, POSITION, Drive
+from visloc_companion.core.filter.propagation import LASTING, LASTS, MOUNTING, POSITION, Drive
 from visloc_companion.core.settings import NavigatorSettings
 from visloc_companion.types import FloatArray
 
@@ -90,7 +90,7 @@ def test_other_ground_may_begin_at_any_moment() -> None:
     H, R = lasting.seen(np.array(COV), "deep")
     whole = belief.P[POSITION, POSITION] + np.array(COV)
     left = H @ belief.P @ H.T + R
-    assert lasting.known_m2(np.array(COV), belief.P, H) == pytest.approx(float(np.trace(whole - left)) / 2)
+    assert lasting.known_m2(belief.P, H) == pytest.approx(float(np.trace(whole - left)) / 2)
     assert np.trace(left) < 0.8 * np.trace(whole)
 
 
@@ -110,3 +110,65 @@ def test_the_mean_of_fixes_is_off_by_what_lasts_of_their_claims_and_less_over_mo
         total += lasts
     drawn_m2 = lasting.SHARE * 9.0 * float(np.mean((total / n) ** 2))
     assert lasting.mean_m2(9.0, ways) == pytest.approx(drawn_m2, rel=0.08)
+
+
+def circled(known_rad: float, turned_deg: float = 180.0) -> list[float]:
+    """How far the filter is off at each fix, all 8 m ahead of the vehicle by its mounting, claimed as 10 m; halfway the vehicle
+    turns. `known_rad`: what the filter is told of the mounting, from 1000 m."""
+    belief = fusion.with_inertial_velocity(seeded(0, (0.0, 0.0), 20.0, 0.3, Drive.AUTOPILOT, SETTINGS), 0.05)
+    cov, at, off = ((100.0, 0.0), (0.0, 100.0)), np.zeros(2), list[float]()
+    for k in range(1, 121):
+        heading = math.radians(turned_deg if k > 60 else 0.0)
+        ahead = np.array([math.cos(heading), math.sin(heading)])
+        north, east = (10.0 * ahead).tolist()
+        at = at + np.array([north, east])
+        belief = fusion.propagated(belief, k * S, (north, east), SETTINGS)
+        belief, _ = learned(belief, Motion(k * S, (k - 1) * S, (north, east), NOW), (north, east), SETTINGS)
+        place = at + 8.0 * ahead
+        known = {"mounting_rad": known_rad, "height_m": 1000.0}
+        fix = Position(k * S, (float(place[0]), float(place[1])), cov, from_fix=True, apart_m=600.0, heading_rad=heading, **known)
+        belief, _ = fusion.observed(belief, fix, SETTINGS)
+        off.append(float(np.hypot(*(belief.x[POSITION] - at))))
+    return off
+
+
+def test_a_vehicle_that_turns_round_learns_what_its_mounting_does() -> None:
+    told, untold = circled(0.0095), circled(0.0)
+    assert told[59] == pytest.approx(8.0, abs=2.0), "on one heading nothing tells it"
+    assert told[-1] < 1.5
+    assert untold[-1] > 2.0
+
+
+def after_learning(before_rad: float, now_rad: float) -> tuple[float, float]:
+    """The filter's error eastwards and its 1-sigma, hovering where fixes said 8 m east and claimed 10 m, and say nothing east and
+    claim 5 m since the mounting is known better."""
+    belief = fusion.with_inertial_velocity(seeded(0, (0.0, 0.0), 20.0, 0.3, Drive.AUTOPILOT, SETTINGS), 0.05)
+    for k in range(1, 81):
+        belief = fusion.propagated(belief, k * S, (0.0, 0.0), SETTINGS)
+        belief, _ = learned(belief, Motion(k * S, (k - 1) * S, (0.0, 0.0), NOW), (0.0, 0.0), SETTINGS)
+        off_m, claim_m, known_rad = (8.0, 10.0, before_rad) if k <= 40 else (0.0, 5.0, now_rad)
+        cov = ((claim_m**2, 0.0), (0.0, claim_m**2))
+        known = {"mounting_rad": known_rad, "height_m": 1000.0}
+        fix = Position(k * S, (0.0, off_m), cov, from_fix=True, apart_m=600.0, heading_rad=0.0, **known)
+        belief, _ = fusion.observed(belief, fix, SETTINGS)
+    return float(belief.x[1]), math.sqrt(belief.P[1, 1])
+
+
+def test_what_was_learned_of_a_mounting_was_another_error_than_what_is_left() -> None:
+    """Fixes that come 8 m nearer and claim half of it are right as they claim; the same error in smaller 1-sigmas would put the
+    vehicle another 8 m beyond them."""
+    east_m, sigma_m = after_learning(0.0095, 0.0045)
+    assert abs(east_m) < 2.5
+    assert 3.5 < sigma_m < 5.5
+    assert after_learning(0.0, 0.0)[0] < -4.0
+
+
+def test_no_fix_claims_less_than_its_mounting_makes() -> None:
+    cov = 4.0 * np.eye(2)
+    H, R = lasting.seen(cov, "deep", mounting=lasting.Mounting(5.0, 0.7))
+    np.testing.assert_allclose(H[:, MOUNTING] @ H[:, MOUNTING].T, 25.0 * np.eye(2), atol=1e-12)
+    assert np.linalg.eigvalsh(R)[0] > 0
+    wide, new = lasting.seen(100.0 * np.eye(2), "deep", mounting=lasting.Mounting(5.0, 0.7))
+    lasts = wide[:, LASTS]
+    np.testing.assert_allclose(lasts @ lasts.T + new, 100.0 * np.eye(2), atol=1e-9)
+    assert new[0, 0] == pytest.approx(lasting.NEW_M**2)
