@@ -60,7 +60,9 @@ class Choice:
     def doubted(self, settled: Settled) -> list[FloatArray]:
         """(4, 4) Where else to start, where a candidate hardly leads by all looks: the best places of the finer relief and of
         the slopes, which count from here on, and the one that is best by all looks at the candidate's heading and scale. None
-        where it is no matter of doubt."""
+        where it is no matter of doubt, and none twice."""
+        if self._ground is not None:
+            return []
         T = settled.refined.T
         leads = leads_of(self._pair, T, self._prior)
         if leads.joint >= CLEAR_LEAD:

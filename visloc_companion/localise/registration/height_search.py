@@ -10,6 +10,7 @@ from __future__ import annotations
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
 from visloc_companion.localise.registration.choice import REFINED, Choice
+from visloc_companion.localise.registration.headings import Headings
 from visloc_companion.localise.registration.pair import make_pair
 from visloc_companion.localise.registration.search import find_places, work
 from visloc_companion.localise.registration.settle import Settled, Settler, has_slid, too_little_overlap
@@ -43,13 +44,15 @@ class HeightSearchRegistration:
         if not settled:
             return too_little_overlap()
         choice = None if self.by_score else Choice(pair, prior)
-        if choice is not None and 2 * cost <= self.most_work:
-            settled += settler.settled(choice.doubted(choice.best(settled)))
-        found = _best(settled, choice)
-        headings = settler.headings(found)
-        settled += settler.turned(found, headings)
-        found = _best(settled, choice)
+        doubting = choice if 2 * cost <= self.most_work else None
+        if doubting is not None:
+            settled += settler.settled(doubting.doubted(doubting.best(settled)))
+        found, headings = _with_turned(settled, settler, choice)
         best, besides = polished(settler, found, prior)
+        if doubting is not None and (starts := doubting.doubted(best)):
+            settled += settler.settled(starts)
+            found, headings = _with_turned(settled, settler, choice)
+            best, besides = polished(settler, found, prior)
         if choice is not None and has_slid(best, pair):
             best, besides = found, []
         if has_slid(best, pair):
@@ -57,6 +60,14 @@ class HeightSearchRegistration:
             return NotRegistered(Reason.REFINEMENT_DIVERGED, what)
         rest = [s for s in settled if s is not found] + besides
         return settler.answer(best, rest, scores, headings, self.max_probability_wrong)
+
+
+def _with_turned(settled: list[Settled], settler: Settler, choice: Choice | None) -> tuple[Settled, Headings]:
+    """The best candidate, once the best of the other headings at its place is one as well, and how well these would do."""
+    found = _best(settled, choice)
+    headings = settler.headings(found)
+    settled += settler.turned(found, headings)
+    return _best(settled, choice), headings
 
 
 def _best(settled: list[Settled], choice: Choice | None) -> Settled:

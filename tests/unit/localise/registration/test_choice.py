@@ -12,9 +12,9 @@ from visloc_companion.errors import Reason
 from visloc_companion.localise.flight import flight_registration
 from visloc_companion.localise.registration import choice, height_search
 from visloc_companion.localise.registration.base import NotRegistered, Registered, RegistrationPrior
-from visloc_companion.localise.registration.choice import Choice
+from visloc_companion.localise.registration.choice import CLEAR_LEAD, Choice
 from visloc_companion.localise.registration.height_search import HeightSearchRegistration
-from visloc_companion.localise.registration.leads import parts_z
+from visloc_companion.localise.registration.leads import leads_of, parts_z
 from visloc_companion.localise.registration.pair import make_pair
 from visloc_companion.localise.registration.search import find_places, work
 from visloc_companion.localise.registration.settle import Settler
@@ -124,3 +124,18 @@ def test_parts_agree_at_the_right_place_and_see_nothing_beyond_the_region(scene)
     right, wrong, nothing = (parts_z(pair, T, scene.prior) for T in (scene.T_true, beside, beyond))
     assert right > 1.0 > wrong + 0.3
     assert nothing == 0
+
+
+def test_a_place_is_doubted_that_leads_by_little_after_the_last_steps(scene, searched, monkeypatch):
+    """Before them it led."""
+    led = []
+
+    def leads(pair, T, prior):
+        led.append(leads_of(pair, T, prior))
+        return replace(led[-1], joint=CLEAR_LEAD - 0.01) if len(led) == 2 else led[-1]
+
+    monkeypatch.setattr(choice, "leads_of", leads)
+    found = HeightSearchRegistration(1.0)(scene.source_m, scene.reference_m, scene.prior)
+    assert (len(led), len(searched)) == (2, 2)
+    assert isinstance(found, Registered)
+    assert np.abs(scene.offset_m(found.T_reference_source).mean(0)).max() < 0.3
