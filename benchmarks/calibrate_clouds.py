@@ -1,4 +1,4 @@
-"""Fit what registration claims: `python -m benchmarks.calibrate_clouds CLOUDS WORK [--method NAME] [--n N] [--seeds ...]`.
+"""Fit what registration claims: `python -m benchmarks.calibrate_clouds CLOUDS WORK [--n N] [--seeds ...] [--hold K]`.
 
 On four places of CLOUDS (`benchmarks.cloud_sets.cloud_cases.FITTED`), both levels; the same with a thinned reference; sources on
 the reference of another of these places, where there is no right answer; made clouds without information
@@ -24,11 +24,12 @@ from benchmarks.cloud_sets.cloud_answers import CloudAnswer, answer_of
 from benchmarks.cloud_sets.cloud_cases import FITTED, LEVELS, SPARSE, CloudCase, elsewhere, make, read, thinned
 from benchmarks.cloud_sets.cloud_landscape import training_cases
 from visloc_companion.evaluate.reliability import reliability
-from visloc_companion.localise.registration.claims import at_least, regressors
+from visloc_companion.localise.registration.claims import WEIGHTS, at_least, regressors
 from visloc_companion.localise.registration.evidence import Evidence
 from visloc_companion.localise.registration.registry import METHODS, make_registration
 
 Array = NDArray[np.float64]
+Weights = tuple[float, ...]
 SEED = 71
 RIDGE = 0.03
 SEEDS = (21, 22, 23, 24, 25, 26, 27, 28)
@@ -59,6 +60,7 @@ def main() -> None:
     parser.add_argument("--method", choices=list(METHODS), default="height-search")
     parser.add_argument("--n", type=int, default=10, help="cases a cloud, scenario and level")
     parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS, help="of the landscape")
+    parser.add_argument("--hold", type=int, default=0, help="so many of the weights that ship stay as they are")
     args = parser.parse_args()
     method = make_registration(args.method, 1.0)
     cases = chain(fit_cases(args.clouds, args.work, args.n), training_cases(args.seeds))
@@ -66,7 +68,8 @@ def main() -> None:
     evidence = [Evidence(**a.evidence) for a in found]
     x = np.array([regressors(e) for e in evidence])
     right = np.array([not a.wrong and a.cover in PLACES for a in found], dtype=np.float64)
-    weights, p = fitted(x, right), crossed(x, right, np.array([a.cloud for a in found]))
+    held = WEIGHTS[: args.hold]
+    weights, p = fitted(x, right, held), crossed(x, right, np.array([a.cloud for a in found]), held)
     p = np.array([at_least(q, e) for q, e in zip(p, evidence, strict=True)])
     figures = reliability(p, right < 0.5)
     print(
@@ -82,27 +85,37 @@ def main() -> None:
         print(line)
 
 
-def fitted(x: Array, right: Array) -> Array:
-    """Weights of a logistic regression, the first for the constant, with a ridge on the others of what is standardised."""
+def fitted(x: Array, right: Array, held: Weights = ()) -> Array:
+    """Weights of a logistic regression with a ridge on what is standardised: the first for the constant, or all of those beside
+    the first ones, which are `held`."""
+    if held:
+        free, known = x[:, len(held) :], x[:, : len(held)] @ np.array(held)
+        scale = np.maximum(free.std(0), 1e-9)
+        return np.append(held, _logistic(free / scale, right, known, RIDGE) / scale)
     mean, scale = x[:, 1:].mean(0), np.maximum(x[:, 1:].std(0), 1e-9)
     z = np.column_stack([np.ones(len(x)), (x[:, 1:] - mean) / scale])
-
-    def cost(w: Array) -> tuple[float, Array]:
-        odds = z @ w
-        held = np.append(0.0, RIDGE * w[1:])
-        value = float(np.sum(np.logaddexp(0, odds) - right * odds) + 0.5 * held @ w)
-        return value, z.T @ (expit(odds) - right) + held
-
-    w = minimize(cost, np.zeros(z.shape[1]), jac=True, method="L-BFGS-B").x
+    w = _logistic(z, right, np.zeros(len(x)), np.append(0.0, np.full(len(scale), RIDGE)))
     return np.append(w[0] - w[1:] / scale @ mean, w[1:] / scale)
 
 
-def crossed(x: Array, right: Array, group: Array) -> Array:
+def _logistic(z: Array, right: Array, known: Array, ridge: float | Array) -> Array:
+    """Weights of z, beside log-odds that are known."""
+
+    def cost(w: Array) -> tuple[float, Array]:
+        odds = known + z @ w
+        held = ridge * w
+        value = float(np.sum(np.logaddexp(0, odds) - right * odds) + 0.5 * held @ w)
+        return value, z.T @ (expit(odds) - right) + held
+
+    return np.asarray(minimize(cost, np.zeros(z.shape[1]), jac=True, method="L-BFGS-B").x)
+
+
+def crossed(x: Array, right: Array, group: Array, held: Weights = ()) -> Array:
     """Probability of being wrong of each answer by weights that were fitted on the other groups."""
     p = np.empty(len(x))
     for name in np.unique(group):
         own = group == name
-        p[own] = 1 / (1 + np.exp(np.clip(x[own] @ fitted(x[~own], right[~own]), -50, 50)))
+        p[own] = 1 / (1 + np.exp(np.clip(x[own] @ fitted(x[~own], right[~own], held), -50, 50)))
     return p
 
 

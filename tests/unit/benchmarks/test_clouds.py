@@ -101,6 +101,15 @@ def test_the_logistic_fit_finds_the_weights_that_made_the_answers():
     assert p.mean() == pytest.approx(1 - right.mean(), abs=0.01)
 
 
+def test_weights_are_fitted_beside_those_that_are_held():
+    rng = np.random.default_rng(5)
+    x = np.column_stack([np.ones(4000), rng.normal(0.3, 1.0, (4000, 2))])
+    right = (rng.random(4000) < 1 / (1 + np.exp(-x @ [0.5, 2.0, 1.0]))).astype(float)
+    found = fitted(x, right, (0.5, 2.0))
+    assert found[:2].tolist() == [0.5, 2.0]
+    assert found[2] == pytest.approx(1.0, abs=0.15)
+
+
 def test_bare_clouds_are_what_they_say(tmp_path, monkeypatch):
     monkeypatch.setattr("benchmarks.cloud_sets.bare_clouds.DENSITY", 0.05)
     folder = write_bare_clouds(tmp_path / "bare", 3)

@@ -57,6 +57,11 @@ class Choice:
         slopes = 0.0 if self._ground is None else max(self._ground.at(settled.refined.T) - self._ground.most, -MOST_NATS)
         return self._merits[settled] + SLOPES * slopes
 
+    def ground_lead(self, settled: Settled) -> float:
+        """How much likelier than any other place a candidate is by the slopes of the ground (nats), which alone tell places apart
+        where nothing stands; 0 at least, and where there was no doubt."""
+        return 0.0 if self._ground is None else max(self._ground.lead(settled.refined.T), 0.0)
+
     def doubted(self, settled: Settled) -> list[FloatArray]:
         """(4, 4) Where else to start, where a candidate hardly leads by all looks: the best places of the finer relief and of
         the slopes, which count from here on, and the one that is best by all looks at the candidate's heading and scale. None

@@ -17,9 +17,13 @@ from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.localise.verify import logistic
 from visloc_companion.types import FloatArray
 
-WEIGHTS = (-0.277, 5.54, 12.6, -0.484, -4.13, -0.575, 1.21)
+WEIGHTS = (-0.277, 5.54, 12.6, -0.484, -4.13, -0.575, 1.21, 3.0, 1.0)
 """On `regressors`: log-odds of being right. Fitted on answers of the search; they fit those of the other methods as well, since
-the evidence asks nothing of how a registration was found."""
+the evidence asks nothing of how a registration was found. The last two were fitted beside the others, which were held."""
+USUAL_RARE, MOST_RARE, MOST_GROUND = 0.75, 3.0, 12.0
+"""What is rare counts where it leads by more than the first, by so much at most; and so many nats of the ground."""
+SURE_RARE, SURE_GROUND = 1.5, 6.0
+"""From either on, a place is no other one whatever else is as likely."""
 POWER = 1.5
 """Of the scores. Their squares are the log-likelihoods of independent cells; how many cells are independent falls with the score,
 as it does from a plantation to a lawn with a few trees."""
@@ -48,15 +52,26 @@ for the distance from the prior where that is too large."""
 
 def regressors(e: Evidence) -> tuple[float, ...]:
     """What the log-odds are linear in: the lead, that by all looks at once, how far the place is from the prior, how much the
-    cloud is bent to fit, how loosely the place is held, and how much of the source agrees."""
-    held = min(e.formal_sigma_m, MOST_SIGMA_M)
-    return (1.0, lead(e), e.joint_lead, min(e.prior_chi2, MOST_CHI2), min(abs(e.bowl_m), MOST_BOWL_M), held, e.blocks)
+    cloud is bent to fit, how loosely it is held, how much of the source agrees, how rare that is, and the lead of the ground."""
+    far, bent, held = min(e.prior_chi2, MOST_CHI2), min(abs(e.bowl_m), MOST_BOWL_M), min(e.formal_sigma_m, MOST_SIGMA_M)
+    beyond_usual = min(max(rare(e) - USUAL_RARE, 0.0), MOST_RARE)
+    return (1.0, lead(e), e.joint_lead, far, bent, held, e.blocks, beyond_usual, ground(e))
 
 
 def lead(e: Evidence) -> float:
     """How much likelier the place is than its rivals: the mean of all other places and those that were refined as it was."""
     own, rival, refined = (math.pow(max(s, 0.0), POWER) for s in (e.score, e.rival, e.refined_rival))
     return own - 0.5 * (rival + refined)
+
+
+def rare(e: Evidence) -> float:
+    """How much more rarely than elsewhere parts agree so by chance, as far as they lie on the reference."""
+    return e.rare_lead * e.overlap
+
+
+def ground(e: Evidence) -> float:
+    """By how many nats the ground tells the place; 0 where the place is held loosely, for the ground tells it to some metres."""
+    return min(e.ground_lead, MOST_GROUND) if e.formal_sigma_m <= LOOSE_M else 0.0
 
 
 def unlike(e: Evidence) -> bool:
@@ -72,10 +87,11 @@ def probability_wrong(e: Evidence) -> float:
 
 def at_least(wrong: float, e: Evidence) -> float:
     """The probability in view of what could not be compared; at least a half where another place is as likely, by the whole and
-    all looks at once or by the parts, the place is far from the prior, or the reliefs are too unlike or may be steps of rounded
-    heights."""
+    all looks at once or by the parts, unless what agrees is too rare for that or the ground tells, the place is far from the
+    prior, or the reliefs are too unlike or may be steps of rounded heights."""
     wrong = in_view_of_unseen(wrong, e.unseen)
     ambiguous = (lead(e) < LEAST_LEAD and e.joint_lead < LEAST_JOINT_LEAD) or e.parts_lead < LEAST_PARTS_LEAD
+    ambiguous &= rare(e) < SURE_RARE and ground(e) < SURE_GROUND
     return max(wrong, 0.5) if ambiguous or e.prior_chi2 > MOST_CHI2 or unlike(e) or e.terraced else wrong
 
 

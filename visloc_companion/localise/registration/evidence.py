@@ -40,10 +40,11 @@ class Evidence:
     `prior_chi2`: squared distance of place, height, heading and scale from the prior in sigmas; `handicap` (handicap.py) of that
     but the height, which a rival's score lacks as well;
     `refined_rival` is `rival` but of refined places by their score after that, as this one's is;
-    `source_relief_m` is `relief_m` of the source, on the same cells; `parts_lead` and `joint_lead` as leads.Leads;
+    `source_relief_m` is `relief_m` of the source, on the same cells; `parts_lead`, `joint_lead` and `rare_lead` as leads.Leads;
     `unseen` as correlation.Scores;
     `source_strays` and `reference_strays`: numbers of points that were left out (pair.Pair); `rounding_m`: sigma of what heights
-    in steps are off by, in the cloud that has the larger ones."""
+    in steps are off by, in the cloud that has the larger ones; `ground_lead`: nats by which the slopes of the ground make the
+    place likelier than any other, 0 where they were not asked (choice.Choice)."""
 
     correlation: float
     overlap: float
@@ -63,6 +64,8 @@ class Evidence:
     reference_strays: float = 0.0
     rounding_m: float = 0.0
     joint_lead: float = 0.0
+    rare_lead: float = 0.0
+    ground_lead: float = 0.0
 
     @property
     def terraced(self) -> bool:
@@ -121,6 +124,7 @@ def evidence_of(
     turned: Sequence[FloatArray],
     unseen: float,
     prior: RegistrationPrior,
+    ground_lead: float = 0.0,
 ) -> Evidence:
     """All that is known of one registration. `rivals`: Evidence's `rival` and `refined_rival`; `turned`: similarities (4, 4) of
     the same place with another heading, which leads.py looks at too."""
@@ -145,6 +149,8 @@ def evidence_of(
         float(pair.strays[1]),
         math.sqrt(max(float(s.unknown_m2[UP]) for s in pair.sampling)),
         leads.joint,
+        leads.rare,
+        ground_lead,
     )
 
 

@@ -59,7 +59,8 @@ class HeightSearchRegistration:
             what = f"the refinement slid {best.slid_m:.1f} m from where the search had found it"
             return NotRegistered(Reason.REFINEMENT_DIVERGED, what)
         rest = [s for s in settled if s is not found] + besides
-        return settler.answer(best, rest, scores, headings, self.max_probability_wrong)
+        ground_lead = 0.0 if choice is None else choice.ground_lead(best)
+        return settler.answer(best, rest, scores, headings, self.max_probability_wrong, ground_lead)
 
 
 def _with_turned(settled: list[Settled], settler: Settler, choice: Choice | None) -> tuple[Settled, Headings]:

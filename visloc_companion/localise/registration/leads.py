@@ -17,23 +17,29 @@ from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.correlation import NO_SCORE, HeightCorrelator, Scores, summits
 from visloc_companion.localise.registration.handicap import of_place, of_turn
 from visloc_companion.localise.registration.pair import Pair
-from visloc_companion.localise.registration.parts import Cells, mean_z, z_of
+from visloc_companion.localise.registration.parts import Cells, mean_z, means, z_of
 from visloc_companion.localise.registration.search import APART_M, reach_of, region, template
 from visloc_companion.localise.registration.similarity import moved, scale_of, yaw_of
 from visloc_companion.types import FloatArray
 
 NEAR_CELLS = 2.0
 """The place's own value is the highest so near: it lies between cells."""
+OF_SCORES = np.array([0.0, 1.0, 1.0])
+"""Which of the looks a handicap is taken from."""
+LEAST_APART = 0.5
+"""Share of the places searched that have to be others, to tell what is chance."""
 
 
 @dataclass(frozen=True, slots=True)
 class Leads:
     """Fisher's z at a place less the highest of another: `parts` its mean over the parts; `joint` the sum of that, of the mean
-    over the parts of the finer relief and of the z of the whole. `rival_m`: where (east, north) the other place that is best by
-    all takes the source's middle, none where there is none."""
+    over the parts of the finer relief and of the z of the whole. `rare`: of the parts of both reliefs, each z over what its part
+    has by chance (parts.means), added up; 0 where hardly another place is searched. `rival_m`: where (east, north) the
+    other place that is best by all takes the source's middle, none where there is none."""
 
     parts: float
     joint: float
+    rare: float = 0.0
     rival_m: tuple[float, float] | None = None
 
 
@@ -47,7 +53,7 @@ def leads_of(pair: Pair, T: FloatArray, prior: RegistrationPrior, turned: Sequen
     here = pair.reference.cells_of(moved(T, pair.centre_m)[:2])
     cells = np.hypot(np.arange(low[0], high[0] + 1) - here[0], np.arange(low[1], high[1] + 1)[:, None] - here[1])
     turn = of_turn(yaw_of(T), scale_of(T), prior)
-    beside = [_beside(pair, other, prior, (low, high)) + turn for other in turned]
+    beside = [_beside(pair, other, prior, (low, high)) + turn * OF_SCORES for other in turned]
     apart = cells >= APART_M / pair.reference.cell_m
     found, rival_m = [], None
     for k, z in enumerate(_looks(pair, T, prior, (low, high))):
@@ -56,7 +62,7 @@ def leads_of(pair: Pair, T: FloatArray, prior: RegistrationPrior, turned: Sequen
         row, col = np.unravel_index(int(np.argmax(away)), z.shape)
         found.append(max(own, 0.0) - max([float(away[row, col]), *(float(b[k]) for b in beside)]))
         rival_m = _middle_m(pair, low, int(row), int(col)) if away[row, col] > 0 else None
-    return Leads(found[0], found[1], rival_m)
+    return Leads(found[1], found[2], found[0] if apart.mean() >= LEAST_APART else 0.0, rival_m)
 
 
 def _middle_m(pair: Pair, low: Cells, row: int, col: int) -> tuple[float, float]:
@@ -73,12 +79,13 @@ def parts_z(pair: Pair, T: FloatArray, prior: RegistrationPrior) -> float:
 
 
 def _beside(pair: Pair, T: FloatArray, prior: RegistrationPrior, within: tuple[Cells, Cells]) -> FloatArray:
-    """(2,) The highest value of each look about a place, within the region (its first and last cell), less its handicap."""
+    """(3,) The highest value of each look about a place, within the region (its first and last cell), less its handicap."""
     low, high = _near(pair, T, within)
     if (high < low).any():
-        return np.zeros(2)
-    looks = _looks(pair, T, prior, (low, high))
-    return np.array([float(z.max()) for z in looks]) - of_turn(yaw_of(T), scale_of(T), prior)
+        return np.zeros(3)
+    rows, cols = (slice(low[k] - within[0][k], high[k] - within[0][k] + 1) for k in (1, 0))
+    looks = _looks(pair, T, prior, within)
+    return np.array([float(z[rows, cols].max()) for z in looks]) - of_turn(yaw_of(T), scale_of(T), prior) * OF_SCORES
 
 
 def _near(pair: Pair, T: FloatArray, within: tuple[Cells, Cells]) -> tuple[Cells, Cells]:
@@ -89,15 +96,15 @@ def _near(pair: Pair, T: FloatArray, within: tuple[Cells, Cells]) -> tuple[Cells
     return low, np.minimum(np.floor(here + NEAR_CELLS).astype(int), within[1])
 
 
-def _looks(pair: Pair, T: FloatArray, prior: RegistrationPrior, box: tuple[Cells, Cells]) -> tuple[Float32Array, Float32Array]:
-    """(rows, cols) each, over a box of the reference's cells: z of the parts, and the sum of it, of that of the finer relief's
-    and of the whole's; each less the handicap of its place."""
+def _looks(pair: Pair, T: FloatArray, prior: RegistrationPrior, box: tuple[Cells, Cells]) -> list[Float32Array]:
+    """(rows, cols) each, over a box of the reference's cells: what is rare of the parts of both reliefs; and less the handicap of
+    its place z of the parts, and the sum of it, of that of the finer relief's and of the whole's."""
     low, high = box
     middle, cell = pair.reference.cells_of(pair.centre_m[:2]), pair.reference.cell_m
     u, v = np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)[:, None]
     handicap = of_place(cell * (u - middle[0]), cell * (v - middle[1]), prior)
-    parts = mean_z(pair, T, low, high)
-    return parts - handicap, parts + mean_z(pair.finer, T, low, high) + _whole_z(pair, T, low, high) - handicap
+    (parts, rare), (finer, finer_rare) = means(pair, T, low, high), means(pair.finer, T, low, high)
+    return [rare + finer_rare, parts - handicap, parts + finer + _whole_z(pair, T, low, high) - handicap]
 
 
 def _whole_z(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> Float32Array:

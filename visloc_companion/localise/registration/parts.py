@@ -8,6 +8,7 @@ high where many agree, whatever made the place be found.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import cv2
@@ -30,6 +31,8 @@ LEAST_KNOWN = 0.5
 """Share of its cells that a part must know."""
 MOST = 0.98
 """No more correlation than this is told from a better one."""
+LEAST_CHANCE, MOST_RARE = 0.02, 8.0
+"""Root mean square of a part's z that it has by chance at least; how often that counts at most."""
 
 
 def z_of(correlation: Float32Array) -> Float32Array:
@@ -39,17 +42,27 @@ def z_of(correlation: Float32Array) -> Float32Array:
 
 def mean_z(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> Float32Array:
     """(rows, cols) mean z of the parts at the places of a box of the reference's cells, each part by its number of cells."""
+    return means(pair, T, low, high)[0]
+
+
+def means(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> tuple[Float32Array, Float32Array]:
+    """(rows, cols) each: `mean_z`, and the mean of the z of each part over what it has by chance: its root mean square over the
+    places of the box where it correlates at all."""
     yaw, scale, cell = yaw_of(T), scale_of(T), pair.reference.cell_m
     reach = reach_of(pair, [(yaw, scale)])
     around = _around(pair, low - reach, high + reach)
     shape = (int(high[1] - low[1]) + 1, int(high[0] - low[0]) + 1)
-    total, number = np.zeros(shape, np.float32), 0
+    total, rare, number = np.zeros(shape, np.float32), np.zeros(shape, np.float32), 0
     for row, col, part in _split(template(pair.source_relief, pair.centre_m, yaw, scale, cell, reach)):
         beside = around[row : row + shape[0] + part.known.shape[0] - 1, col : col + shape[1] + part.known.shape[1] - 1]
         cells = int(part.known.sum())
-        total += np.float32(cells) * z_of(_correlation(part, beside, cells))
+        z = z_of(_correlation(part, beside, cells))
+        chance = math.sqrt(float(np.square(z).sum()) / max(int(np.count_nonzero(z)), 1))
+        total += np.float32(cells) * z
+        rare += np.float32(cells) * np.minimum(z / np.float32(max(chance, LEAST_CHANCE)), np.float32(MOST_RARE))
         number += cells
-    return total / np.float32(max(number, 1))
+    least = np.float32(max(number, 1))
+    return total / least, rare / least
 
 
 def _around(pair: Pair, low: Cells, high: Cells) -> Float32Array:

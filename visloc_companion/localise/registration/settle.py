@@ -105,10 +105,16 @@ class Settler:
         return self.settled(starts(self.pair, settled.refined.T, headings, TURNED))
 
     def answer(
-        self, best: Settled, rest: list[Settled], scores: Scores, headings: Headings, max_probability_wrong: float
+        self,
+        best: Settled,
+        rest: list[Settled],
+        scores: Scores,
+        headings: Headings,
+        max_probability_wrong: float,
+        ground_lead: float = 0.0,
     ) -> Registered | NotRegistered:
         """The claim for the best of the candidates, against what else scores well, also turned, and the rest of them, which are
-        refined too."""
+        refined too; `ground_lead` as Evidence."""
         T, apart = best.refined.T, apart_rad(self.pair)
         here = moved(T, self.pair.centre_m)[:2]
         others = [s for s in rest if are_two(self.pair, s.refined.T, T)]
@@ -125,7 +131,8 @@ class Settler:
         refined = replace(best.refined, placed=placed)
         rivals = rival, max([unrefined, *away])
         turned = [s.refined.T for s in others if is_turned(self.pair, s.refined.T, T, MOST_APART_RAD)]
-        evidence = evidence_of(self.pair, best.found, refined, rivals, turned, scores.unseen, self.prior)
+        ground_lead = 0.0 if turned else ground_lead  # the best heading of a place is all that the ground was asked for
+        evidence = evidence_of(self.pair, best.found, refined, rivals, turned, scores.unseen, self.prior, ground_lead)
         return answer(self._with_rounding(refined), evidence, self.prior, max_probability_wrong)
 
     def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:

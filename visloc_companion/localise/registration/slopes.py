@@ -17,7 +17,7 @@ import numpy as np
 
 from visloc_companion.localise.features.base import Float32Array, Mask
 from visloc_companion.localise.registration.base import RegistrationPrior
-from visloc_companion.localise.registration.correlation import Scores, peaks
+from visloc_companion.localise.registration.correlation import Scores, peaks, summits
 from visloc_companion.localise.registration.height_map import HeightMap, smoothed
 from visloc_companion.localise.registration.pair import Pair
 from visloc_companion.localise.registration.refine import SIGMA_BOWL_M, TINY
@@ -91,6 +91,14 @@ class Ground:
         near = self.nats.score[max(v - 1, 0) : max(v + 2, 0), max(u - 1, 0) : max(u + 2, 0)]
         return float(near.max()) if near.size else 0.0
 
+    def lead(self, T: FloatArray) -> float:
+        """Of the place to which T (4, 4) takes the source, above the likeliest peak that is another place, or above what the
+        likeliest of so many places has by chance."""
+        u, v = self._cells(moved(T, self.pair.centre_m)[:2])
+        rows, cols = np.nonzero(summits(self.nats))
+        away = np.square(rows - v) + np.square(cols - u) >= (APART_M / self.reference.cell_m) ** 2
+        return self.at(T) - float(np.max(self.nats.score[rows, cols], where=away, initial=self._by_chance))
+
     def starts(self, most: int) -> list[FloatArray]:
         """(4, 4) The likeliest places."""
         found, of = [], self.reference
@@ -98,6 +106,12 @@ class Ground:
             to = of.corner_m + of.cell_m * (np.array([u, v]) + 0.5)
             found.append(about(self.pair.centre_m, *self.pairs[k], np.append(to - self.pair.centre_m[:2], 0.0)))
         return found
+
+    @property
+    def _by_chance(self) -> float:
+        """Logarithm of the number of places, headings and scales: chance has so many nats in one of as many."""
+        places = self.nats.score.size * self.reference.cell_m**2 / (math.pi * APART_M**2)
+        return math.log(max(places, 1.0) * len(self.pairs))
 
     def _cells(self, xy_m: FloatArray) -> FloatArray:
         cells = (xy_m - self.reference.corner_m) / self.reference.cell_m - 0.5

@@ -11,7 +11,10 @@ from visloc_companion.localise.registration.claims import (
     LEAST_JOINT_LEAD,
     LEAST_LEAD,
     LEAST_PARTS_LEAD,
+    LOOSE_M,
     MOST_CHI2,
+    SURE_GROUND,
+    SURE_RARE,
     USUAL_RELIEF,
     WEIGHTS,
     WRONG_SHARE,
@@ -156,6 +159,30 @@ def test_a_place_that_leads_by_all_looks_at_once_needs_no_lead_as_a_whole():
     assert lead(seen) < LEAST_LEAD
     assert probability_wrong(seen) < 0.01
     assert probability_wrong(replace(seen, joint_lead=LEAST_JOINT_LEAD - 0.01)) >= 0.5
+
+
+def test_what_agrees_rarely_by_chance_is_believed_though_it_leads_by_little():
+    """Plantations, grown and felled in part, 0.2 and 0.9 m off: the second scores as much elsewhere, but its parts do not."""
+    seen = replace(GOOD, correlation=0.218, overlap=1.0, rival=0.152, refined_rival=0.132, blocks=0.341, formal_sigma_m=0.176)
+    seen = replace(
+        seen, relief_m=4.975, source_relief_m=2.594, bowl_m=-0.036, prior_chi2=3.216, parts_lead=0.051, joint_lead=0.259
+    )
+    assert probability_wrong(seen) > 0.1
+    assert probability_wrong(replace(seen, rare_lead=1.86)) < 0.05
+    alike = replace(GOOD, correlation=0.209, overlap=1.0, rival=0.207, refined_rival=0.187, blocks=0.297, formal_sigma_m=1.848)
+    alike = replace(alike, relief_m=4.813, source_relief_m=3.68, bowl_m=-0.129, prior_chi2=1.307, parts_lead=0.083)
+    alike = replace(alike, joint_lead=0.362, rare_lead=2.193)
+    assert probability_wrong(alike) < 0.05
+    assert probability_wrong(replace(alike, rare_lead=SURE_RARE - 0.01)) >= 0.5
+    assert probability_wrong(replace(alike, overlap=0.6)) >= 0.5
+
+
+def test_ground_that_lies_so_nowhere_else_is_believed_though_nothing_stands_on_it():
+    bare = replace(GOOD, correlation=0.2, rival=0.25, refined_rival=0.25, joint_lead=-0.1, parts_lead=-0.05, formal_sigma_m=0.5)
+    assert probability_wrong(replace(bare, ground_lead=16.0)) < 0.05
+    assert probability_wrong(replace(bare, ground_lead=SURE_GROUND - 0.1)) >= 0.5
+    for beside in (replace(bare, prior_chi2=MOST_CHI2 + 1), replace(bare, formal_sigma_m=LOOSE_M + 0.1)):
+        assert probability_wrong(replace(beside, ground_lead=16.0)) >= 0.5
 
 
 def test_what_could_not_be_compared_is_doubt_by_bayes_rule():

@@ -103,3 +103,15 @@ def test_where_nothing_is_searched_nothing_leads(scene, pair):
     far = replace(pair, centre_m=pair.centre_m + np.array([1e4, 0, 0]))
     assert leads_of(far, scene.T_true, scene.prior) == leads_of(far, np.eye(4), scene.prior)
     assert leads_of(far, scene.T_true, scene.prior).joint == 0
+
+
+def test_what_agrees_more_than_by_chance_is_rare_where_other_places_tell_what_is_chance(scene, pair):
+    assert leads_of(pair, scene.T_true, scene.prior).rare > 3.0
+    for east_m, north_m in ((9.0, 0.0), (0.0, 30.0)):
+        assert leads_of(pair, shifted(scene.T_true, east_m, north_m), scene.prior).rare < -2.0
+    turned = about(pair.centre_m, 0.0, 1.0, np.zeros(3)) @ scene.T_true
+    assert leads_of(pair, scene.T_true, scene.prior, [turned]).rare < 0.05
+    narrow = replace(scene.prior, sigma_horizontal_m=2.0)
+    right_there = make_pair(moved(scene.T_true, scene.source_m), scene.reference_m, narrow)
+    lead = leads_of(right_there, np.eye(4), narrow)
+    assert (lead.rare, lead.joint > 1.0) == (0.0, True)

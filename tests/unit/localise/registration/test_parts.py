@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from visloc_companion.localise.registration import parts
 from visloc_companion.localise.registration.correlation import Template
-from visloc_companion.localise.registration.parts import _correlation, _split, z_of
+from visloc_companion.localise.registration.pair import make_pair
+from visloc_companion.localise.registration.parts import MOST_RARE, _correlation, _split, mean_z, means, z_of
+from visloc_companion.localise.registration.search import region
 
 
 def test_parts_are_correlated_as_by_hand():
@@ -36,3 +39,21 @@ def test_parts_cover_what_is_known_and_know_at_least_half():
 def test_z_is_that_of_fisher_and_none_of_what_is_no_agreement():
     found = z_of(np.array([-1.0, -0.3, 0.0, 0.5, 0.98, 1.0], np.float32))
     np.testing.assert_allclose(found, [0, 0, 0, np.arctanh(0.5), np.arctanh(0.98), np.arctanh(0.98)], atol=1e-5)
+
+
+def test_a_part_counts_in_what_it_has_by_chance(scene, monkeypatch):
+    pair = make_pair(scene.source_m, scene.reference_m, scene.prior)
+    found = []
+
+    def recorded(correlation):
+        found.append(z_of(correlation))
+        return found[-1]
+
+    monkeypatch.setattr(parts, "z_of", recorded)
+    low, high = region(pair, scene.prior)
+    mean, rare = means(pair, scene.T_true, low, high)
+    np.testing.assert_array_equal(mean, mean_z(pair, scene.T_true, low, high))
+    chance = [np.sqrt(np.mean(np.square(z[z > 0]))) for z in found[: len(found) // 2]]
+    by_hand = [np.minimum(z / c, MOST_RARE) for z, c in zip(found, chance, strict=False)]
+    assert rare.max() <= np.max(by_hand, axis=0).max() * (1 + 1e-5)
+    assert rare.max() == pytest.approx(np.mean(by_hand, axis=0).max(), rel=0.05)  # parts are of 17 m each but for the last

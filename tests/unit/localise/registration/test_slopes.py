@@ -82,6 +82,23 @@ def test_ground_on_which_only_crops_stand_is_found_by_its_slopes(farmland):
     assert ground.most - max(ground.at(T) for T in away) > 5
 
 
+def test_ground_leads_where_it_lies_so_and_at_no_other_place(farmland):
+    pair = pair_of(farmland)
+    ground = ground_of(pair, PRIOR)
+    best, second = ground.starts(2)
+    by_chance = np.log(ground.nats.score.size * 4 / (36 * np.pi) * len(ground.pairs))
+    assert ground.at(second) < by_chance
+    assert ground.lead(best) == pytest.approx(ground.most - by_chance)
+    assert ground.lead(best) > 5 > -5 > ground.lead(second)
+
+
+def test_the_evidence_names_the_lead_of_the_ground_where_a_place_is_doubtful(farmland, scene):
+    doubtful = HeightSearchRegistration(1.0)(*farmland, PRIOR)
+    clear = HeightSearchRegistration(1.0)(scene.source_m, scene.reference_m, scene.prior)
+    assert dict(doubtful.evidence)["ground_lead"] > 5
+    assert dict(clear.evidence)["ground_lead"] == 0
+
+
 def test_a_doubtful_place_is_taken_where_the_slopes_lead_to(farmland):
     source, reference = farmland
     found = HeightSearchRegistration(1.0)(source, reference, PRIOR)
