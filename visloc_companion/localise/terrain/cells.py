@@ -13,6 +13,8 @@ from visloc_companion.localise.terrain.correlation import alike
 from visloc_companion.types import FloatArray
 
 SMALLEST_M, MOST_CELLS = 10.0, 600
+WIDE_M, MOST_WIDE_CELLS = 40.0, 1600
+"""Over wide ground there are more: of cells wider than this the means tell less of the ground's slopes."""
 NEAR_M = 100.0
 """1-sigma of the distance over which what stands on the ground is alike (standing.py)."""
 
@@ -44,14 +46,16 @@ class Cells:
 
 
 def cells_of(ne_m: FloatArray) -> Cells:
-    """Of (N, 2) places, N > 0: cells of 10 m, or as much larger as leaves MOST_CELLS."""
+    """Of (N, 2) places, N > 0: cells of 10 m, or as much larger as leaves MOST_CELLS, from WIDE_M on MOST_WIDE_CELLS."""
     side = SMALLEST_M
     while True:
         _, of = np.unique(np.floor(ne_m / side).astype(np.int64), axis=0, return_inverse=True)
         of = of.ravel()
         n = int(of.max()) + 1
-        if n <= MOST_CELLS:
+        most = MOST_CELLS if side < WIDE_M else MOST_WIDE_CELLS
+        if n <= most:
             count = np.bincount(of, minlength=n)
             at = np.column_stack([np.bincount(of, ne_m[:, k], n) / count for k in (0, 1)])
             return Cells(of, at)
-        side *= max(1.05, math.sqrt(n / MOST_CELLS))
+        wider = side * max(1.05, math.sqrt(n / most))
+        side = min(wider, WIDE_M) if side < WIDE_M else wider

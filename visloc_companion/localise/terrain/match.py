@@ -77,7 +77,7 @@ def locate(
     claimed = place.covariance[:2, :2] + about
     elsewhere = np.array([_apart_m(one, found[best]) > _near_m(fitting) for one in found])
     evidence = _evidence(fitting, place, claimed, float(weights[elsewhere].sum()))
-    return _judged(soundings.t_ns, prior, place, claimed, evidence, settings)
+    return _judged(soundings, prior, place, claimed, evidence, settings)
 
 
 SEARCH_BLUR = 0.4
@@ -222,20 +222,21 @@ def _evidence(fitting: Fitting, best: Refined, cov: FloatArray, others: float) -
 
 
 def _judged(
-    t_ns: int, prior: TerrainPrior, best: Refined, cov: FloatArray, evidence: Evidence, settings: TerrainSettings
+    of: Soundings, prior: TerrainPrior, best: Refined, cov: FloatArray, evidence: Evidence, settings: TerrainSettings
 ) -> TerrainFix | NoTerrainFix:
     p = probability_wrong(evidence)
     prior_sigma = largest_sigma_m(prior.cov_ne_m2)
     worst = max(settings.max_sigma_m, settings.sigma_share * prior_sigma)
-    declined = refusal(evidence, p, math.sqrt(float(np.linalg.eigvalsh(cov)[-1])), replace(settings, max_sigma_m=worst))
+    claimed_m = math.sqrt(float(np.linalg.eigvalsh(cov)[-1]))
+    declined = refusal(evidence, p, claimed_m, of.kind, replace(settings, max_sigma_m=worst))
     numbers = (*evidence.numbers(), ("probability_wrong", p))
     if declined is not None:
-        return NoTerrainFix(t_ns, *declined, numbers)
+        return NoTerrainFix(of.t_ns, *declined, numbers)
     north, east, up = (float(v) for v in best.unknowns[:3])
     (nn, ne), (_, ee) = cov
     mean_m2, walk_m2 = float(best.covariance[2, 2]), prior.sigma_h_walk**2
     return TerrainFix(
-        t_ns,
+        of.t_ns,
         (prior.p_ne_m[0] + north, prior.p_ne_m[1] + east),
         ((float(nn), float(ne)), (float(ne), float(ee))),
         prior.h_amsl_m + up,

@@ -121,17 +121,13 @@ def expected_covariance(fitting: Fitting, start: FloatArray) -> FloatArray:
     are expected to: what there is to see, before looking."""
     _, J, known = linearised(fitting, start)
     noise, weight = fitting.noise, prior_information(fitting.prior)
-    if fitting.soundings.kind is Kind.PROFILE:
-        share = np.full(len(J), 1 - noise.standing - noise.outliers)
-        errors = errors_of(fitting, noise.sigma_m, share, known)
-        full, ones = J.T @ errors.solved(J), np.ones(len(J))
-        true = told(noise) * _without_false_slopes(full, fitting, float(ones @ errors.solved(ones)))
-        return left(fitting, true, fitting.few * full, weight)[0][:3, :3]
-    ground = np.asarray((1 - noise.standing - noise.outliers) * known, dtype=np.float64)
-    full = np.asarray((J.T * (ground / noise.sigma_m**2)) @ J)
-    full = _without_false_slopes(full, fitting, float(ground.sum()) / noise.sigma_m**2)
-    own = fitting.few * _under_errors(fitting, J, ground, noise.sigma_m)
-    return _claimed(fitting, told(noise) * full, own, weight)[0][:3, :3]
+    errors = errors_of(fitting, noise.sigma_m, np.full(len(J), 1 - noise.standing - noise.outliers), known)
+    full, under_errors = errors.told(J)
+    if fitting.soundings.kind is Kind.PROFILE:  # its cells are too few for anything to average out
+        under_errors = full
+    ones = np.ones(len(J))
+    true = told(noise) * _without_false_slopes(full, fitting, float(ones @ errors.solved(ones)))
+    return left(fitting, true, fitting.few * under_errors, weight)[0][:3, :3]
 
 
 def errors_of(fitting: Fitting, sigma_m: float, ground: FloatArray, known: NDArray[np.bool_]) -> Whitening:

@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 
 from visloc_companion.errors import Reason
+from visloc_companion.localise.terrain.base import Kind
 from visloc_companion.localise.terrain.settings import TerrainSettings
 
 RIGHT_M = 20.0
@@ -18,9 +19,10 @@ MIN_SOUNDINGS = 30
 MANY_OTHERS = 0.01
 """Posterior mass of other places from which a refusal is for ambiguity."""
 MIN_RELIABILITY = 0.2
-COUNTED_ALIKE = 1.3
+COUNTED_ALIKE = {Kind.PROFILE: 1.3, Kind.PATCH: 2.5}
 """So many times the worst 1-sigma of a fix may be what a match claims where soundings count alike: of 30 single beams that were
-refused at once that (training seeds 501 to 504) 22 of the 23 below 1.3 times were within 20 m, and 5 of the 7 beyond."""
+refused at once that (training seeds 501 to 504) 22 of the 23 below 1.3 times were within 20 m, and 5 of the 7 beyond; of 25
+patches over even ground that claim up to 10 m (training seeds 801 to 805, fractal) all were within 20 m, at up to 2.5 times."""
 MIN_GAIN = 5.0
 """Log-likelihood (of independent soundings) that the model must explain beyond level ground."""
 
@@ -71,10 +73,10 @@ def probability_wrong(evidence: Evidence) -> float:
     return max(1 / (1 + math.exp(min(50.0, max(-50.0, logit)))), evidence.others)
 
 
-def refusal(evidence: Evidence, p: float, claimed_m: float, settings: TerrainSettings) -> tuple[Reason, str] | None:
+def refusal(evidence: Evidence, p: float, claimed_m: float, kind: Kind, settings: TerrainSettings) -> tuple[Reason, str] | None:
     """Why a match that claims a worst 1-sigma is declined, or None."""
     e = evidence
-    uneven = max(claimed_m, e.sigma_m / COUNTED_ALIKE)
+    uneven = max(claimed_m, e.sigma_m / COUNTED_ALIKE[kind])
     reasons = (
         (e.gain < MIN_GAIN, Reason.LOW_TEXTURE, f"level ground explains the soundings as well (gain {e.gain:.1f})"),
         (e.reliability < MIN_RELIABILITY, Reason.LOW_TEXTURE, f"{100 * e.reliability:.0f} % of the model's slopes are confirmed"),

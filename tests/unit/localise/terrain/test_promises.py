@@ -67,3 +67,12 @@ def test_of_noisy_soundings_of_a_cell_one_is_kept_that_its_noise_did_not_choose(
     assert len(kept) > 9500
     assert abs(np.median(kept[:, 2])) < 0.3
     assert np.mean(kept[:, 2] > 8) < 0.05  # of 4 soundings on average, all are up there in 4 %
+
+
+@pytest.mark.parametrize("half_m", [300.0, 600.0, 1000.0])
+def test_a_patch_of_gentle_ground_promises_what_its_match_claims(world: SimpleNamespace, half_m: float) -> None:
+    ground = world.waves(12)
+    model, prior = replace(world.elevation(ground), sigma_m=1.5), world.prior(sigma_m=30.0)
+    patch = world.patch(ground, half_m=half_m)
+    claimed = np.linalg.eigvalsh(np.array(accepted(patch, prior, model).cov_ne_m2))[-1]
+    assert 0.7 < np.sqrt(claimed) / expected_sigma_m(patch, prior, model, TerrainSettings()) < 1.2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from visloc_companion.localise.terrain import noise, standing
-from visloc_companion.localise.terrain.cells import MOST_CELLS, Cells, cells_of
+from visloc_companion.localise.terrain.cells import MOST_WIDE_CELLS, Cells, cells_of
 from visloc_companion.localise.terrain.noise import RANGE_M, HeightNoise, Stated
 from visloc_companion.localise.terrain.standing import Standing, at_first, refitted, told_apart
 
@@ -71,6 +71,6 @@ def test_where_nothing_stands_sigma_is_found_again() -> None:
 def test_cells_are_as_large_as_leaves_so_many() -> None:
     ne = np.random.default_rng(3).uniform(-2000, 2000, (4000, 2))
     cells = cells_of(ne)
-    assert MOST_CELLS / 2 < len(cells.at_m) <= MOST_CELLS
-    assert np.hypot(*(ne - cells.at_m[cells.of]).T).max() < 4000 / np.sqrt(MOST_CELLS) * 2
+    assert MOST_WIDE_CELLS / 2 < len(cells.at_m) <= MOST_WIDE_CELLS
+    assert np.hypot(*(ne - cells.at_m[cells.of]).T).max() < 4000 / np.sqrt(MOST_WIDE_CELLS) * 2
     assert np.allclose(cells.sums(ne), np.array([ne[cells.of == k].sum(0) for k in range(len(cells.at_m))]))

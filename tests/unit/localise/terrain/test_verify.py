@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from visloc_companion.errors import Reason
+from visloc_companion.localise.terrain.base import Kind
 from visloc_companion.localise.terrain.settings import TerrainSettings
 from visloc_companion.localise.terrain.verify import Evidence, probability_wrong, refusal
 
@@ -28,7 +29,7 @@ GOOD = Evidence(
 def test_a_good_match_is_not_declined() -> None:
     p = probability_wrong(GOOD)
     assert p < 0.05
-    assert refusal(GOOD, p, 1.5, TerrainSettings()) is None
+    assert refusal(GOOD, p, 1.5, Kind.PATCH, TerrainSettings()) is None
 
 
 @pytest.mark.parametrize(
@@ -45,13 +46,13 @@ def test_a_good_match_is_not_declined() -> None:
 )
 def test_each_reason_has_its_evidence(change: dict[str, float], reason: Reason) -> None:
     evidence = replace(GOOD, **change)
-    declined = refusal(evidence, probability_wrong(evidence), 1.5, TerrainSettings())
+    declined = refusal(evidence, probability_wrong(evidence), 1.5, Kind.PATCH, TerrainSettings())
     assert declined is not None
     assert declined[0] is reason
 
 
 def test_a_doubtful_match_without_another_place_is_no_match() -> None:
-    declined = refusal(GOOD, 0.5, 1.5, TerrainSettings())
+    declined = refusal(GOOD, 0.5, 1.5, Kind.PATCH, TerrainSettings())
     assert declined is not None
     assert declined[0] is Reason.NO_MATCH
 
@@ -68,8 +69,17 @@ def test_the_posterior_of_other_places_is_a_lower_bound() -> None:
 def test_a_match_may_claim_more_where_soundings_count_alike_and_no_more_where_they_do_not() -> None:
     limit = TerrainSettings().max_sigma_m
     settled_well = replace(GOOD, sigma_m=1.2 * limit)
-    assert refusal(settled_well, 0.01, 0.7 * limit, TerrainSettings()) is None
+    assert refusal(settled_well, 0.01, 0.7 * limit, Kind.PROFILE, TerrainSettings()) is None
     for evidence, claimed_m in ((settled_well, 1.1 * limit), (replace(GOOD, sigma_m=1.4 * limit), 0.7 * limit)):
-        declined = refusal(evidence, 0.01, claimed_m, TerrainSettings())
+        declined = refusal(evidence, 0.01, claimed_m, Kind.PROFILE, TerrainSettings())
+        assert declined is not None
+        assert declined[0] is Reason.LOW_TEXTURE
+
+
+def test_a_patch_over_even_ground_is_judged_by_what_it_claims_and_a_line_by_what_soundings_claim_that_count_alike() -> None:
+    even = replace(GOOD, sigma_m=20.0)
+    assert refusal(even, 0.05, 6.0, Kind.PATCH, TerrainSettings()) is None
+    for claimed_m, kind in ((6.0, Kind.PROFILE), (11.0, Kind.PATCH)):
+        declined = refusal(even, 0.05, claimed_m, kind, TerrainSettings())
         assert declined is not None
         assert declined[0] is Reason.LOW_TEXTURE
