@@ -149,6 +149,12 @@ def test_decisions_are_listed_in_order_for_a_list_counts_by_itself() -> None:
     assert [name for _, name in listed] == sorted(file.name for file in folder.glob("[0-9]*.md"))
 
 
+def test_no_change_is_told_twice() -> None:
+    """Two lines with an older and a newer figure of one thing stood below each other."""
+    begins = [line[:100] for line in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines() if len(line) > 100]
+    assert sorted(begins) == sorted(set(begins))
+
+
 def test_the_readme_lists_every_page() -> None:
     listed = set(
         re.findall(r"\]\((docs/[\w-]+\.md)\)", (ROOT / "README.md").read_text(encoding="utf-8").split("## Documentation")[1])

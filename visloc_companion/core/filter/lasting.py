@@ -35,7 +35,7 @@ LEAST_REST = 0.02
 claims too little, and a mounting that seems to err by as much less tells nothing."""
 NEW_M = 1.5
 """1-sigma, on each axis, of what is new in a fix whose mounting's part is known, at most: neighbouring fixes over 5 m a pixel err
-anew by 0.5 m from 750 m and by 1.2 m from 277 m, where they claim 8 m, nearly all of it of the tilt."""
+anew by 0.5 m from 750 m and by 1.0 m from 277 m, where they claim 8 m, nearly all of it of the tilt."""
 BY_SHAPE = frozenset({"structure", "terrain"})
 """Methods that share no more with images than the attitude: what lasts of their own error is another thing, and comes on top."""
 
