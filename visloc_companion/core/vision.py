@@ -348,7 +348,7 @@ class Vision:
                 return [Notice(Severity.INFO, "a first fix waits: GNSS or camera, who is wrong is open")]
         stated, shared_m = self._to_confirm is not None, self._tracker.shared_m
         if not self._steering.would_end_loss(state, stated=stated, shared_m=shared_m):
-            waits = self._second.waits(fix, state, origin)
+            waits = not self._camera.rare and self._second.waits(fix, state, origin)
             return [Notice(Severity.INFO, "a fix that may be wrong, from far off, waits for a second one")] if waits else None
         begun = not self._regaining.waiting
         if not self._regaining.waits(fix, state, origin, self._max_search_radius_m):

@@ -19,6 +19,8 @@ FIRST_FRAME_NS = 10_000_000_000
 STEADY_NS = 10_000_000_000
 SELDOM_GAPS = 2
 """Frames that were missing so often, within STEADY_NS of coming back each time, come seldom, until none was for that long."""
+RARE_NS = 4_000_000_000
+"""Frames that come further apart are rare: what waits for the next one waits long."""
 FROZEN = "camera picture stands still, unused"
 MAX_AHEAD_NS = 1_000_000_000
 """No attitude belongs to a frame that is stamped further ahead of the autopilot's clock. It must not wait for one either: every
@@ -42,6 +44,11 @@ class CameraWatch:
         self._age_ns: int | None = None
         self._frozen_ns: int | None = None
         self._told_frozen = False
+
+    @property
+    def rare(self) -> bool:
+        """Whether the last frame, as some shortly before, came more than RARE_NS after the one before it."""
+        return self._gaps >= SELDOM_GAPS and self._gap_end_ns == self._frame_rx_ns and self._gap_ns > RARE_NS
 
     def is_new(self, frame: FrameRef) -> bool:
         """Whether a frame differs from the one before, and its own stamp, too: of frames that bear one time only the first may

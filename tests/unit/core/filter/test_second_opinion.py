@@ -81,7 +81,7 @@ def test_one_answer_does_not_confirm_itself() -> None:
     assert asked.waits(fix(60.0, (13.0, 0.0)), state(60.0), ORIGIN)
 
 
-def seeing_again(world: type[World], off_ne_m: Any) -> World:
+def seeing_again(world: type[World], off_ne_m: Any, every_s: float = 0.5) -> World:
     """Blind for half a minute after GNSS is lost; the k-th fix after that may be wrong with 4 % and is off by `off_ne_m(k)`."""
 
     class Doubtful(world):  # type: ignore[misc]
@@ -98,7 +98,8 @@ def seeing_again(world: type[World], off_ne_m: Any) -> World:
             self.answers[-1] = (when, replace(found, place=place, probability_wrong=0.04))
 
     settings = CoreSettings(injection=InjectionSettings(switch_source=True), structure=False)
-    w = Doubtful(settings=settings, jammed=lambda t: t > JAMMED_S, blind=lambda t: JAMMED_S - 1 < t < SEES_AGAIN_S)
+    blind = {"jammed": lambda t: t > JAMMED_S, "blind": lambda t: JAMMED_S - 1 < t < SEES_AGAIN_S}
+    w = Doubtful(settings=settings, fix_period_s=every_s, **blind)
     w.start()
     return w
 
@@ -118,3 +119,19 @@ def test_two_that_agree_are_taken(world: type[World]) -> None:
     w = seeing_again(world, lambda k: (0.0, 0.0)).fly(60)
     assert len(w.notices("waits for a second one")) == 1
     assert max(error for t, _, error in w.statuses if t > SEES_AGAIN_S + 1.5) < 5.0
+
+
+@pytest.mark.parametrize("every_s", [5.0, 7.0])
+def test_where_frames_are_rare_none_waits(world: type[World], every_s: float) -> None:
+    """It would wait for as long as the filter goes on blindly: a flight was 16 m off for a right fix that waited 7 s."""
+    w = seeing_again(world, lambda k: (0.0, 0.0), every_s).fly(60)
+    assert not w.notices("waits for a second one")
+    seen_s = math.ceil(SEES_AGAIN_S / every_s) * every_s
+    assert max(error for t, _, error in w.statuses if seen_s - 1 < t < seen_s) > 5.0, "the filter has drifted"
+    assert max(error for t, _, error in w.statuses if seen_s + 0.5 < t < seen_s + 1.5) < 5.0
+
+
+def test_a_first_frame_after_a_long_gap_is_not_rare(world: type[World]) -> None:
+    w = seeing_again(world, lambda k: (0.0, 0.0))
+    w.camera = lambda t: not JAMMED_S < t < SEES_AGAIN_S
+    assert len(w.fly(60).notices("waits for a second one")) == 1
