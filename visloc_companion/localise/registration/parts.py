@@ -42,27 +42,40 @@ def z_of(correlation: Float32Array) -> Float32Array:
 
 def mean_z(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> Float32Array:
     """(rows, cols) mean z of the parts at the places of a box of the reference's cells, each part by its number of cells."""
-    return means(pair, T, low, high)[0]
+    total, number = _nothing(low, high), 0
+    for cells, z in _z_of_parts(pair, T, low, high):
+        total += np.float32(cells) * z
+        number += cells
+    return total / np.float32(max(number, 1))
 
 
 def means(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> tuple[Float32Array, Float32Array]:
     """(rows, cols) each: `mean_z`, and the mean of the z of each part over what it has by chance: its root mean square over the
     places of the box where it correlates at all."""
-    yaw, scale, cell = yaw_of(T), scale_of(T), pair.reference.cell_m
-    reach = reach_of(pair, [(yaw, scale)])
-    around = _around(pair, low - reach, high + reach)
-    shape = (int(high[1] - low[1]) + 1, int(high[0] - low[0]) + 1)
-    total, rare, number = np.zeros(shape, np.float32), np.zeros(shape, np.float32), 0
-    for row, col, part in _split(template(pair.source_relief, pair.centre_m, yaw, scale, cell, reach)):
-        beside = around[row : row + shape[0] + part.known.shape[0] - 1, col : col + shape[1] + part.known.shape[1] - 1]
-        cells = int(part.known.sum())
-        z = z_of(_correlation(part, beside, cells))
+    total, rare, number = _nothing(low, high), _nothing(low, high), 0
+    for cells, z in _z_of_parts(pair, T, low, high):
         chance = math.sqrt(float(np.square(z).sum()) / max(int(np.count_nonzero(z)), 1))
         total += np.float32(cells) * z
         rare += np.float32(cells) * np.minimum(z / np.float32(max(chance, LEAST_CHANCE)), np.float32(MOST_RARE))
         number += cells
     least = np.float32(max(number, 1))
     return total / least, rare / least
+
+
+def _nothing(low: Cells, high: Cells) -> Float32Array:
+    return np.zeros((int(high[1] - low[1]) + 1, int(high[0] - low[0]) + 1), np.float32)
+
+
+def _z_of_parts(pair: Pair, T: FloatArray, low: Cells, high: Cells) -> Iterator[tuple[int, Float32Array]]:
+    """Of each part its number of cells, and (rows, cols) its z at the places of a box of the reference's cells."""
+    yaw, scale, cell = yaw_of(T), scale_of(T), pair.reference.cell_m
+    reach = reach_of(pair, [(yaw, scale)])
+    around = _around(pair, low - reach, high + reach)
+    rows, cols = int(high[1] - low[1]) + 1, int(high[0] - low[0]) + 1
+    for row, col, part in _split(template(pair.source_relief, pair.centre_m, yaw, scale, cell, reach)):
+        beside = around[row : row + rows + part.known.shape[0] - 1, col : col + cols + part.known.shape[1] - 1]
+        cells = int(part.known.sum())
+        yield cells, z_of(_correlation(part, beside, cells))
 
 
 def _around(pair: Pair, low: Cells, high: Cells) -> Float32Array:

@@ -146,11 +146,12 @@ def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: 
     reliability = reliable_share(fitting, unknowns, difference, p.ground * known)
     true = told(noise) * scaled(full, np.eye(2) * math.sqrt(max(reliability, LEAST_RELIABLE)))
     share = n_blocks / (n_blocks + PRIOR_BLOCKS)
-    covariance, inverse = _claimed(fitting, true, share * spread + own, weight)
+    temper = fitting.temper
+    covariance, inverse = left(fitting, temper * true, temper**2 * (share * spread + own), weight)
     covariance[2, 2] += STANDS * max(0.0, noise.sigma_m**2 - fitting.noise.sigma_m**2)
-    density = fitting.temper * float(p.log_density[known].sum())
+    density = temper * float(p.log_density[known].sum())
     of_sigma = Stated(fitting.noise.sigma_m, STATED).log_prior(noise.sigma_m)
-    level = fitting.temper * _level_log_density(fitting, known)
+    level = temper * _level_log_density(fitting, known)
     return Refined(
         unknowns,
         (covariance + covariance.T) / 2,
@@ -180,14 +181,9 @@ MOST_OF_PAIRS, FEWEST_PAIRS = 800, 20
 LEAST_RELIABLE = 0.02
 
 
-def _claimed(fitting: Fitting, information: FloatArray, errors: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+def left(fitting: Fitting, information: FloatArray, errors: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Covariance (10, 10) of the unknowns by what the soundings tell, the covariance of the gradient under their errors, and the
     prior's information; and the inverse that it rests on."""
-    return left(fitting, fitting.temper * information, fitting.temper**2 * errors, weight)
-
-
-def left(fitting: Fitting, information: FloatArray, errors: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The same of soundings that need not be counted."""
     inverse = np.linalg.inv(information + weight + 1e-9 * np.eye(N_UNKNOWNS))
     covariance: FloatArray = inverse @ (errors + weight) @ inverse
     covariance[:2, :2] += np.eye(2) * fitting.prior.sigma_wander_m**2
