@@ -84,6 +84,7 @@ class _Hypothesis:
         self._residuals = Residuals(START_NOISE_MPS2, LEAST_NOISE_MPS2)
         self.gated = 0
         self._J: tuple[int, FloatArray] | None = None
+        self._learned_ns: int | None = None
 
     @property
     def n(self) -> int:
@@ -111,7 +112,13 @@ class _Hypothesis:
         self.gated = 0
         self.log_likelihood -= (got.nis + math.log(float(np.linalg.det(H @ P @ H.T + R)))) / 2
         self._residuals.take(felt.t_boot_ns, residual, float(np.trace(H @ P @ H.T + of_velocity)) / 2)
-        self._x, self._P = got.x, got.P
+        self._x, self._P, self._learned_ns = got.x, got.P, felt.t_boot_ns
+
+    def _later(self, t_boot_ns: int) -> FloatArray:
+        """The covariance (6, 6) at a time after something was learned last."""
+        if self._learned_ns is None:
+            return self._P
+        return np.asarray(self._P + np.diag(WALK_PER_SQRT_S**2 * max(0.0, (t_boot_ns - self._learned_ns) * 1e-9)))
 
     @property
     def known(self) -> bool:
@@ -130,17 +137,18 @@ class _Hypothesis:
         at = (*found, v_ned_mps[2])
         by_force = np.linalg.inv(by_velocity(self._x, felt.axes_ned, at))
         J = -by_force @ by_state(self._x, felt.axes_ned, at)
+        P = self._later(felt.t_boot_ns)
         before, self._J = self._J, (felt.t_boot_ns, J)
         doubt = None
         if before is not None:
             other, since_s = J - before[1], (felt.t_boot_ns - before[0]) * 1e-9
-            doubt = other @ self._P @ other.T + BIAS_WALK_MPS2_PER_SQRT_S**2 * since_s * J[:, BIAS] @ J[:, BIAS].T
+            doubt = other @ P @ other.T + BIAS_WALK_MPS2_PER_SQRT_S**2 * since_s * J[:, BIAS] @ J[:, BIAS].T
         wind_north, wind_east = self._x[WIND].tolist()
         return AirVelocity(
             felt.t_boot_ns,
             found,
             self._residuals.variance * by_force @ by_force.T,
-            J @ self._P @ J.T,
+            J @ P @ J.T,
             doubt,
             (wind_east - found[1], found[0] - wind_north),
         )

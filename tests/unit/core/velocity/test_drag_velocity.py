@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 
 from visloc_companion.core.velocity.air_velocity import AirVelocity
-from visloc_companion.core.velocity.drag_velocity import CHOSEN_AFTER, ENOUGH, GATED_IN_A_ROW, DragLearner, _Hypothesis
-from visloc_companion.core.velocity.rotor_drag import Felt, force_mps2
+from visloc_companion.core.velocity.drag_velocity import (
+    BIAS_WALK_MPS2_PER_SQRT_S,
+    CHOSEN_AFTER,
+    ENOUGH,
+    GATED_IN_A_ROW,
+    DragLearner,
+    _Hypothesis,
+)
+from visloc_companion.core.velocity.rotor_drag import BIAS, Felt, force_mps2
 from visloc_companion.geo import se3
 from visloc_companion.types import FloatArray, Vec3
 
@@ -136,3 +143,17 @@ def test_a_vehicle_on_its_side_tells_no_velocity_over_the_ground() -> None:
     steep = np.asarray(se3.R_from_quat(se3.quat_from_euler(0.0, -1.45, 0.0))[:, :2].T)
     assert learner.velocity(Felt(felt.t_boot_ns, felt.force_mps2, steep), v) is None
     assert learner.velocity(felt, v) is not None
+
+
+def test_a_turn_long_after_anything_was_learned_is_doubted_as_much_as_the_bias_wandered() -> None:
+    squares = []
+    for seed in range(20):
+        rng, learner = np.random.default_rng(seed), DragLearner()
+        taught(learner, range(120), rng)
+        state = TRUE.copy()
+        state[BIAS] += BIAS_WALK_MPS2_PER_SQRT_S * np.sqrt(150.0) * rng.standard_normal(2)
+        ahead, back = told(learner, 269, 0.0, state=state), told(learner, 270, np.pi, state=state)
+        assert back.doubt_m2ps2 is not None
+        off = np.array(back.v_ne_mps) + 10.0 * np.eye(2)[0] - (np.array(ahead.v_ne_mps) - 10.0 * np.eye(2)[0])
+        squares.append(off @ np.linalg.solve(back.doubt_m2ps2, off))
+    assert 0.5 < float(np.mean(squares)) < 2.6, "of two"
