@@ -138,7 +138,7 @@ class NavigatorConfig(Section):
     """Correlation time of that error."""
     acceleration_sigma_mps2: Positive = 0.2
     """1-sigma of the slow error of the accelerations that drive the filter while GNSS is not trusted, until it is learned."""
-    acceleration_correlation_s: Positive = 20.0
+    acceleration_correlation_s: Annotated[float, Field(ge=0.1)] = 20.0
     """Correlation time of that error."""
     gate_sigma: Positive = 4.0
     """Fixes further than this many sigma from the filter are rejected."""
@@ -304,8 +304,19 @@ def load_config(path: Path) -> Config:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as why:
         raise ConfigError(f"is not valid TOML: {why}", where=str(path), remedy="correct the line that is named") from why
+    _require_whole_paths(data, path)
     config = parse_config(data, where=str(path))
     return config.model_copy(update={"camera": mask_found(config.camera, path)}) if config.camera.mask else config
+
+
+def _require_whole_paths(data: dict[str, Any], path: Path) -> None:
+    """Raises ConfigError for a path in somebody's home: taken as it stands, it would make a folder of that name elsewhere."""
+    for section, keys in data.items():
+        for key, value in keys.items() if isinstance(keys, dict) else ():
+            for item in value if isinstance(value, list) else [value]:
+                if isinstance(item, str) and item.removeprefix("files:").removeprefix("video:").startswith("~"):
+                    what, remedy = f"{section}.{key}: only a shell knows what ~ is (got {item!r})", "write the whole path"
+                    raise ConfigError(what, where=str(path), remedy=remedy)
 
 
 def mask_found(camera: CameraConfig, stated_in: Path) -> CameraConfig:

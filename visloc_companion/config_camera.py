@@ -60,7 +60,7 @@ class CameraConfig(Section):
     gimbal where the gimbal points, top edge up."""
     lever_arm_frd_m: tuple[Lever, Lever, Lever] = (0.0, 0.0, 0.0)
     """The camera (the joint of its gimbal) in the vehicle's body: metres forward, right and down of the autopilot's IMU."""
-    mount_sigma_deg: NonNegative = 1.0
+    mount_sigma_deg: Positive = 1.0
     """1-sigma of the mounting and attitude together (on a gimbal: of its attitude), as the localiser's prior of tilt."""
     mask: str = ""
     """8-bit PNG of the image's size, black where the camera sees its own vehicle or the lens's rim, white where it sees ground

@@ -18,6 +18,22 @@ def test_empty_file_gives_defaults(tmp_path: Path) -> None:
     assert load_config(path) == Config()
 
 
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ('[journal]\nfolder = "~/journals"', "journal.folder"),
+        ('[map]\ntrusted_keys = ["/etc/a.pub", "~pi/b.pub"]', "map.trusted_keys"),
+        ('[camera]\nurl = "files:~/frames"', "camera.url"),
+    ],
+)
+def test_a_path_that_only_a_shell_understands_is_refused(tmp_path: Path, text: str, key: str) -> None:
+    """Journals lay in a folder called ~ below wherever the daemon was started."""
+    path = tmp_path / "visloc.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=rf"{path}: {key}: only a shell knows what ~ is.*write the whole path"):
+        load_config(path)
+
+
 def test_unknown_key_names_the_nearest_valid_one() -> None:
     with pytest.raises(ConfigError, match=r"navigator.output_rate: unknown key, did you mean 'output_rate_hz'"):
         parse_config({"navigator": {"output_rate": 10}})
@@ -35,6 +51,18 @@ def test_all_problems_are_told_at_once() -> None:
     assert "navigator.output_rate_hz" in text
     assert "did you mean 'url'" in text
     assert "gnss.max_h_acc_m" in text
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("camera", "mount_sigma_deg", 0),
+        ("navigator", "acceleration_correlation_s", 1e-6),
+    ],
+)
+def test_what_the_filter_cannot_compute_with_is_refused_before_the_flight(section: str, key: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=rf"{section}\.{key}: Input should be greater"):
+        parse_config({section: {key: value}})
 
 
 @pytest.mark.parametrize(

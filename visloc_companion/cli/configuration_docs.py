@@ -20,7 +20,7 @@ HEAD = """# Configuration
 * Units are in the key names; numbers, `true` and `false` stand without quotes. No number is beyond 1e9, and none that must be
   above 0 below 1e-9.
 * A relative path counts from where `visloc` is started (as a service: `/var/lib/visloc`), that of `camera.mask` from the file
-  that names it.
+  that names it; `~` is refused.
 
 This page is made from the models by `python -m visloc_companion.cli.configuration_docs docs/configuration.md`.
 """

@@ -27,11 +27,14 @@ def ends() -> Iterator[tuple[str, str, float]]:
     """Of all numbers that are not bounded on both sides."""
     for section, model in SECTIONS.items():
         for key, field in model.model_fields.items():
-            bounds = [
-                name for item in field.metadata for name in ("gt", "ge", "lt", "le") if getattr(item, name, None) is not None
-            ]
-            if field.annotation is float and bounds in (["gt"], ["ge"]):
-                yield section, key, LEAST if bounds == ["gt"] else 0.0
+            bounds = {
+                name: value
+                for item in field.metadata
+                for name in ("gt", "ge", "lt", "le")
+                if (value := getattr(item, name, None)) is not None
+            }
+            if field.annotation is float and list(bounds) in (["gt"], ["ge"]):
+                yield section, key, bounds.get("ge", LEAST)
                 yield section, key, MOST
 
 

@@ -100,7 +100,7 @@ CAMERA = [
     ap("camera-latency", "red", "camera.latency_s", config("camera", latency_s=0.9)),
     ap("camera-readout", "amber", "camera.readout_ms", unstated("camera", "readout_ms")),
     ap("camera-mounting", "red", "mount_pitch_deg", config("camera", mount_pitch_deg=60.0)),
-    ap("camera-mount-sigma", "amber", "mount_sigma_deg = 1", config("camera", mount_sigma_deg=0.0)),
+    ap("camera-mount-sigma", "amber", "mount_sigma_deg = 1", config("camera", mount_sigma_deg=0.01)),
     ap("camera-gimbal", "amber", 'camera.mount = "gimbal"', parameters(MNT1_TYPE=8)),
     px4("camera-gimbal", "amber", 'camera.mount = "gimbal"', parameters(MNT_MODE_IN=0)),
     px4("camera-gimbal", "amber", 'camera.mount = "gimbal"', link(gimbals=(POINTED,))),

@@ -275,7 +275,7 @@ def _mounting(camera: CameraConfig, facts: Facts) -> Finding:
 @configured(
     "camera-mount-sigma",
     "camera.mount_sigma_deg",
-    "0 claims a perfect mounting: honest fixes are then refused; far above 3° the search gets wide and slow.",
+    "Near 0 it claims a perfect mounting: honest fixes are then refused; far above 3° the search gets wide and slow.",
     "mount_sigma_deg = 1 (2.1 m at 120 m above ground)",
 )
 def _sigma(camera: CameraConfig, facts: Facts) -> Finding:
