@@ -67,12 +67,13 @@ def make_link(
 
 
 def require_sense(config: Config) -> None:
-    """Raises ConfigError where we would speak as the autopilot, take a receiver for silent that says what it was asked for, or a
-    switch back to GNSS would not lead to it."""
+    """Raises ConfigError where we would speak as the autopilot, not sign what is meant to be signed, take a receiver for silent
+    that says what it was asked for, or a switch back to GNSS would not lead to it."""
     injection, remedy = config.injection, "leave it out: the default is right"
     if config.link.component_id == AUTOPILOT_COMPONENT:
         what = "1 is the autopilot's own: it passes over what seems to come from itself"
         raise ConfigError(what, where="link.component_id", remedy=remedy)
+    _require_key(config.link)
     rate_hz, silence_s = config.link.gnss_rate_hz, config.gnss.silence_s
     if rate_hz * silence_s < LEAST_REPORTS:
         every = f"{rate_hz:g} Hz is a report every {1 / rate_hz:.3g} s"
@@ -87,6 +88,13 @@ def require_sense(config: Config) -> None:
     if not injection.px4_gps_ctrl & PX4_GPS_POSITION:
         what = f"{injection.px4_gps_ctrl} has not bit 0, so PX4 would be left without position where GNSS is trusted again"
         raise ConfigError(what, where="injection.px4_gps_ctrl", remedy=remedy)
+
+
+def _require_key(link: LinkConfig) -> None:
+    stated = [name for name in ("signing_link_id", "signing_stamp_file") if getattr(link, name)]
+    if stated and not link.signing_key_file:
+        what = f"is empty, but link.{' and link.'.join(stated)} set: nothing would be signed, and everybody believed"
+        raise ConfigError(what, where="link.signing_key_file", remedy="name the key's file, or leave those out")
 
 
 def _through_mavsdk(link: LinkConfig) -> OpenChannel:

@@ -10,6 +10,7 @@ from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.computer import serial_device, serial_problem
 from visloc_companion.app.constructors import CONSTRUCTORS
 from visloc_companion.app.ground_check import open_pack
+from visloc_companion.app.link_address import check_address
 from visloc_companion.app.parts import (
     Constructors,
     check_calibration,
@@ -53,6 +54,7 @@ def preflight(config: Config, make: Constructors = CONSTRUCTORS) -> tuple[list[V
         problems.append(LinkError(text, where="link"))
 
     attempt(lambda: make.link(config, clock, lambda *_: None, doubt, None))
+    attempt(lambda: check_address(config.link.url))
     attempt(lambda: check_serial_device(config.link.url))
     if config.camera.url:
         attempt(open_camera)

@@ -86,6 +86,10 @@ def _require_nobody(path: Path) -> None:
 
 def _no_socket(path: Path, why: OSError) -> ConfigError:
     remedy = "name a path in a writable folder"
+    if path.is_dir():
+        return ConfigError(
+            "no status socket: it is a folder", where=str(path), remedy=f"name a file in it: {path / 'status.sock'}"
+        )
     if path.parent.parent == Path("/run") and not path.parent.exists():
         remedy = f"the systemd unit makes {path.parent}; by hand: sudo install -d -o USER {path.parent}"
     return ConfigError(f"no status socket: {why}", where=str(path), remedy=remedy)

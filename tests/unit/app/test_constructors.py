@@ -92,6 +92,8 @@ def test_no_key_of_the_link_is_lost_on_the_way(section: str, key: str, value: ob
     ("told", "where"),
     [
         ({"link": {"component_id": 1}}, "link.component_id"),
+        ({"link": {"signing_stamp_file": "/tmp/stamp"}}, "link.signing_key_file"),
+        ({"link": {"signing_link_id": 2, "signing_stamp_file": "/tmp/stamp"}}, "link.signing_key_file"),
         ({"link": {"gnss_rate_hz": 0.4}}, "link.gnss_rate_hz"),
         ({"gnss": {"silence_s": 0.3}}, "link.gnss_rate_hz"),
         ({"injection": {"switch_source": True, "gnss_source_set": 2}}, "injection.vision_source_set"),

@@ -96,6 +96,12 @@ async def test_a_path_that_cannot_be(tmp_path: Path) -> None:
             pass
 
 
+def test_a_folder_is_told_as_one(tmp_path: Path) -> None:
+    """It was "Address already in use", and the remedy a writable folder, which it was."""
+    with pytest.raises(ConfigError, match=rf"it is a folder; remedy: name a file in it: {tmp_path}/status.sock"):
+        check_status_socket(tmp_path)
+
+
 @pytest.mark.parametrize("fault", [errno.EROFS, errno.ENOSPC, errno.EIO])
 async def test_a_disk_that_fails_is_told_and_keeps_no_daemon_from_starting_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: int

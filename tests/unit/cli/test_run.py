@@ -55,7 +55,7 @@ def started(path: Path, stderr: int = subprocess.PIPE) -> Iterator[subprocess.Po
 
 
 def test_check_prints_the_effective_configuration(tmp_path: Path) -> None:
-    path = configuration(tmp_path, '[link]\nurl = "udpin:127.0.0.1:0"\n[navigator]\noutput_rate_hz = 20\n')
+    path = configuration(tmp_path, '[link]\nurl = "udpin:127.0.0.1:14550"\n[navigator]\noutput_rate_hz = 20\n')
     done = visloc_run(path, "--check", "--json", str(tmp_path / "found.json"))
     assert (done.returncode, done.stderr) == (0, "")
     effective = parse_config(tomllib.loads(done.stdout))
