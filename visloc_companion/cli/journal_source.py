@@ -59,7 +59,8 @@ class JournalSource:
         return record
 
     def _compared(self, found: Comparison, *, damaged: bool) -> dict[str, Any]:
-        none_left, same_length = damaged and not found.n_compared, self.salvage or found.n_recorded == found.n_replayed
+        as_many = found.n_recorded == found.n_replayed
+        none_left, same_length = not found.n_compared and (damaged or as_many), self.salvage or as_many
         return {
             "identical": None if none_left else found.first_difference is None and same_length,
             "n_recorded": found.n_recorded,
@@ -75,7 +76,7 @@ class JournalSource:
             yield entry
 
     def facts(self) -> dict[str, Any]:
-        """Whether the commands are the recorded ones byte for byte (None: damage left none to compare) and how far their numbers
+        """Whether the commands are the recorded ones byte for byte (None: there is none to compare) and how far their numbers
         lie apart (None where more than numbers differs), in what the flight's computer and versions were others, what was
         damaged, verdicts and modes over time."""
         return self.result
@@ -96,6 +97,8 @@ class JournalSource:
     def _outcome(self) -> str:
         commands = self.result["commands"]
         n, recorded, first = commands["n_replayed"], commands["n_recorded"], commands["first_difference"]
+        if commands["identical"] is None and not self.result["damages"]:
+            return "The journal holds no command: nothing was flown."
         if commands["identical"] is None:
             return "Of what is left of the journal no command can be compared with the flight's."
         if commands["identical"]:

@@ -12,9 +12,10 @@ _ENDED_BY_CTRL_C = 130
 
 
 def main() -> None:
-    """Run the command line (cli/main.py). Ctrl-C while it is still being loaded ends it without a traceback."""
+    """Run the command line (cli/main.py). Ctrl-C while it is still being loaded, or put together, ends it without a traceback."""
     try:
         from visloc_companion.cli.main import main as run
+
+        run()
     except KeyboardInterrupt:
         sys.exit(_ENDED_BY_CTRL_C)
-    run()

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from visloc_companion import __version__, errors
 from visloc_companion.cli import main as module
+from visloc_companion.cli import start
 from visloc_companion.config import load_config
 from visloc_companion.errors import CameraError, ConfigError, JournalError, LinkError, MapError, VislocError, WorkerError
 
@@ -130,3 +131,16 @@ def test_ctrl_c_while_it_is_loaded_leaves_no_traceback(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
     done = subprocess.run([sys.executable, "-c", code], check=False, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+def test_nor_does_it_while_the_commands_are_put_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Typer looks at every option of every command for a tenth of a second before it listens for Ctrl-C itself."""
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "app", interrupted)
+    monkeypatch.setattr(sys, "argv", ["visloc", "sim"])
+    with pytest.raises(SystemExit) as end:
+        start.main()
+    assert end.value.code == 130

@@ -288,6 +288,16 @@ def test_a_journal_is_told_by_its_beginning_and_replayed_in_real_time(tmp_path: 
     assert time.monotonic() - started > 0.45, "9.9 s at twenty times the pace"
 
 
+def test_a_journal_of_no_flight_is_not_identical(tmp_path: Path) -> None:
+    """A daemon that was stopped at once leaves a header alone, and of it 0 commands were as recorded: it passed."""
+    writer = JournalWriter.create(tmp_path, JournalHeader({}), max_bytes=10**6)
+    writer.close()
+    assert writer.path is not None
+    code, text = run(writer.path, "--json", tmp_path / "figures.json")
+    assert (code, "The journal holds no command: nothing was flown." in text) == (1, True)
+    assert json.loads((tmp_path / "figures.json").read_text())["commands"]["identical"] is None
+
+
 def test_a_journal_of_which_nothing_is_left_is_not_identical(tmp_path: Path) -> None:
     path = journal(tmp_path / "a.mcap")
     data, at = path.read_bytes(), 8
