@@ -18,7 +18,7 @@ from visloc_companion.app.journal import JournalWriter
 from visloc_companion.app.journal_folder import delete_outgrown
 from visloc_companion.app.journal_header import JournalHeader
 from visloc_companion.app.slots import SharedFrameSlots
-from visloc_companion.app.status import require_status_socket
+from visloc_companion.app.status import require_nobody, require_status_socket
 from visloc_companion.app.versions import versions
 from visloc_companion.app.worker import WorkerSupervisor
 from visloc_companion.app.worker_ahead import WorkerAhead
@@ -113,6 +113,9 @@ async def _build(parts: Parts, make: Constructors, reports: Reports, ahead: Work
     config, clock, left = parts.config, parts.clock, parts.handover.left
     problems: list[VislocError] = []
     if config.status.socket:
+        _tried(problems, lambda: require_nobody(Path(config.status.socket)))
+        if problems:  # it may be flying: what a worker takes of memory and cores here, it lacks there
+            return problems
         _tried(problems, lambda: require_status_socket(Path(config.status.socket)))
     if config.camera.url or config.localiser.terrain:
         _tried(problems, lambda: require_pack(config))

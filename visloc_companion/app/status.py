@@ -36,7 +36,7 @@ async def status_server(
         with contextlib.suppress(OSError):
             await writer.wait_closed()
 
-    _require_nobody(path)
+    require_nobody(path)
     server: asyncio.Server | None = None
     try:
         _remove(path)  # left by a daemon that was killed
@@ -57,7 +57,7 @@ async def status_server(
 
 def require_status_socket(path: Path) -> None:
     """Before anything is opened: make the socket and remove it. Raises ConfigError as `status_server` would."""
-    _require_nobody(path)
+    require_nobody(path)
     try:
         check_status_socket(path)
     except ConfigError as none:
@@ -78,7 +78,8 @@ def check_status_socket(path: Path) -> None:
             raise _no_socket(path, why) from why
 
 
-def _require_nobody(path: Path) -> None:
+def require_nobody(path: Path) -> None:
+    """Raises ConfigError where another daemon answers at this socket."""
     if _answers(path):
         remedy = "stop that one (systemctl stop visloc): two on one link contradict each other; or name another status.socket"
         raise ConfigError("another visloc is running and answers here", where=str(path), remedy=remedy)

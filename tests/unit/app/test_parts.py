@@ -77,17 +77,28 @@ async def test_the_worker_is_begun_first_and_the_autopilot_heard_while_it_starts
     assert done == ["worker begun", "link made", "worker awaited, autopilot heard"]
 
 
-async def test_beside_a_daemon_that_runs_nothing_is_said_to_the_autopilot_and_no_journal_begun(tmp_path: Path) -> None:
+async def test_beside_a_daemon_that_runs_nothing_is_said_to_the_autopilot_and_nothing_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second `visloc run` by hand hashed the pack and loaded the network, beside one that flew, before it was refused."""
+    monkeypatch.setattr(WorkerSupervisor, "begin", lambda self: pytest.fail("a worker was begun"))
     socket, journals = tmp_path / "status.sock", tmp_path / "journals"
     link = FakeLink(MonotonicClock())
-    config = parse_config({"status": {"socket": str(socket)}, "journal": {"folder": str(journals)}})
+    config = parse_config(
+        {
+            "status": {"socket": str(socket)},
+            "journal": {"folder": str(journals)},
+            "localiser": {"terrain": True},
+            "map": {"pack": str(tmp_path)},
+        }
+    )
     make = Constructors(lambda *_: link, constructors().camera)
     async with status_server(socket, dict, print):
         with pytest.raises(StartFailed) as raised:
             await assemble(config, MonotonicClock(), make, REPORTS)
     assert [problem.what for problem in raised.value.exceptions] == ["another visloc is running and answers here"]
     assert not link.up
-    assert list(journals.iterdir()) == []
+    assert not journals.exists()
 
 
 def test_what_takes_long_to_import_is_not_waited_for_before_the_worker_begins() -> None:
