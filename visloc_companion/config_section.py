@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, get_args, get_origin
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
@@ -44,7 +44,12 @@ class Section(BaseModel):
 
 
 def _of_another_kind(annotation: Any, value: Any) -> str | None:
-    """What is wrong with a value, or one of a list, that pydantic would take for the field's type; None elsewhere."""
+    """What is wrong with a value, or one of a list, that pydantic would take for the field's type, or name by its own types'
+    names; None elsewhere."""
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        return None if isinstance(value, dict | Section) else "it is a section: its keys stand below a line [NAME]"
+    if get_origin(annotation) is tuple and not isinstance(value, list | tuple):
+        return "it is a list: write it in brackets, [ ]"
     for item in value if isinstance(value, list | tuple) else (value,):
         if isinstance(item, bool) and not _takes(annotation, bool):
             return f"{str(item).lower()} is no value for it"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
@@ -32,6 +33,20 @@ def test_a_path_that_only_a_shell_understands_is_refused(tmp_path: Path, text: s
     path.write_text(text)
     with pytest.raises(ConfigError, match=rf"{path}: {key}: only a shell knows what ~ is.*write the whole path"):
         load_config(path)
+
+
+@pytest.mark.parametrize(
+    ("told", "says"),
+    [
+        ({"link": "udpin:0.0.0.0:14550"}, r"link: it is a section: its keys stand below a line \[NAME\] \(got 'udpin"),
+        ({"map": {"trusted_keys": "/etc/a.pub"}}, r"map.trusted_keys: it is a list: write it in brackets, \[ \] \(got '/etc"),
+        ({"link": {"operator_systems": 255}}, r"link.operator_systems: it is a list: write it in brackets"),
+    ],
+)
+def test_what_has_another_shape_is_told_in_the_words_of_the_file(told: dict[str, Any], says: str) -> None:
+    """It was "a text is no value for it: write numbers without quotes", and "a valid tuple"."""
+    with pytest.raises(ConfigError, match=says):
+        parse_config(told)
 
 
 def test_unknown_key_names_the_nearest_valid_one() -> None:
