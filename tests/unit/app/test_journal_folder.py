@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,19 @@ def test_the_flight_before_is_never_deleted(tmp_path: Path) -> None:
     assert delete_outgrown(tmp_path, 1) == [old]
     assert delete_outgrown(tmp_path, 1) == []
     assert last.exists()
+
+
+def test_nor_is_it_where_the_clock_went_back_before_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A companion without a battery knew the date at home and not in the field, and the flight in the field counted as oldest."""
+    first, second = journals(tmp_path, "visloc-20261130T100000Z.mcap", "visloc-20261130T110000Z.mcap")
+    monkeypatch.setattr(time, "time_ns", lambda: 10**17)
+    assert delete_outgrown(tmp_path, 10**6) == []
+    (field,) = journals(tmp_path, "visloc-19730303T094640Z.mcap")
+    os.utime(field, ns=(0, 10**17 + 10**9))
+    for now_ns in (10**17 + 10**12, 2 * 10**18):
+        monkeypatch.setattr(time, "time_ns", lambda now_ns=now_ns: now_ns)
+        assert list(outgrown(tmp_path, 1)) == [first, second]
+    assert delete_outgrown(tmp_path, 1) == [first, second]
 
 
 def test_all_are_kept_unless_the_configuration_says_otherwise(tmp_path: Path) -> None:
