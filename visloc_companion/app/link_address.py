@@ -8,7 +8,7 @@ from __future__ import annotations
 import errno
 import socket
 
-from visloc_companion.adapters.mavlink.endpoint import Endpoint, EndpointKind, parse_endpoint
+from visloc_companion.adapters.mavlink.endpoint import EndpointKind, parse_endpoint
 from visloc_companion.errors import LinkError
 
 _LISTENING = (EndpointKind.UDPIN, EndpointKind.TCPIN)
@@ -28,21 +28,23 @@ def check_address(url: str) -> None:
         raise LinkError("port 0 is another one at each start, which no autopilot can know", where="link.url", remedy=remedy)
     kind = socket.SOCK_DGRAM if endpoint.kind in _DATAGRAMS else socket.SOCK_STREAM
     try:
-        family, _, _, _, address = socket.getaddrinfo(endpoint.place, endpoint.number, type=kind)[0]
+        found = socket.getaddrinfo(endpoint.place, endpoint.number, type=kind)
     except OSError as why:
         remedy = "check the name, and that this computer is on its network"
         raise LinkError(f"{endpoint.place} is not known: {why.strerror}", where="link.url", remedy=remedy) from why
     if endpoint.kind in _LISTENING:
-        _listen(endpoint, family, kind, address)
-
-
-def _listen(endpoint: Endpoint, family: int, kind: int, address: tuple[object, ...]) -> None:
-    with socket.socket(family, kind) as probe:
-        try:
-            probe.bind(address)
-        except OSError as why:
-            if why.errno == errno.EADDRINUSE:
-                return
-            connecting = EndpointKind.UDPOUT if kind == socket.SOCK_DGRAM else EndpointKind.TCP
+        faults = [_fault(family, kind, address) for family, _, _, _, address in found]
+        if None not in faults:
+            connecting = EndpointKind.UDPOUT if endpoint.kind is EndpointKind.UDPIN else EndpointKind.TCP
             remedy = f"listen on 0.0.0.0 or an address of this computer (ip addr), or connect to another one with {connecting}:"
-            raise LinkError(f"cannot listen on {endpoint}: {why.strerror}", where="link.url", remedy=remedy) from why
+            raise LinkError(f"cannot listen on {endpoint}: {faults[0]}", where="link.url", remedy=remedy)
+
+
+def _fault(family: int, kind: int, address: tuple[object, ...]) -> str | None:
+    """Why it cannot be listened on; None where it can, or somebody does. Of a name's addresses some may be no use (IPv6)."""
+    try:
+        with socket.socket(family, kind) as probe:
+            probe.bind(address)
+    except OSError as why:
+        return None if why.errno == errno.EADDRINUSE else why.strerror or str(why)
+    return None

@@ -43,3 +43,10 @@ def test_nor_is_a_port_that_the_running_daemon_has(kind: int, scheme: str) -> No
     with socket.socket(socket.AF_INET, kind) as daemon:
         daemon.bind(("127.0.0.1", 0))
         check_address(f"{scheme}:127.0.0.1:{daemon.getsockname()[1]}")
+
+
+def test_one_of_a_names_addresses_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`localhost` is ::1 first, also where IPv6 is switched off."""
+    found = [(socket.AF_INET, socket.SOCK_DGRAM, 0, "", (host, 0)) for host in (ELSEWHERE, "127.0.0.1")]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)
+    check_address("udpin:localhost:14571")
