@@ -290,10 +290,9 @@ def _described(result: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "name", manifest["name"]
     yield "CRS", manifest["crs"]["name"] + (f" (EPSG:{manifest['crs']['epsg']})" if manifest["crs"]["epsg"] else "")
     accuracy_m = result["crs_accuracy_m"]
-    yield (
-        "tied to WGS 84",
-        "not stated how well" if accuracy_m is None else f"to {accuracy_m:g} m" if accuracy_m else "by its nature",
-    )
+    tied = "not stated how well" if accuracy_m is None else f"to {accuracy_m:g} m" if accuracy_m else "by its nature"
+    changed = ", ".join(each["name"] for each in manifest["reprojected_from"])
+    yield "tied to WGS 84", tied + (f", reprojected from {changed}" if changed else "")
     yield "pixels", f"{manifest['ortho']['cols']} x {manifest['ortho']['rows']} at {manifest['gsd_m']:.4g} m"
     yield "latitude", f"{bounds['south_deg']:.6f} to {bounds['north_deg']:.6f}"
     yield "longitude", f"{bounds['west_deg']:.6f} to {bounds['east_deg']:.6f}"

@@ -51,6 +51,14 @@ class CrsEntry(Part):
     wkt: str
 
 
+class ReprojectedFrom(Part):
+    """Another CRS that orthophotos were changed from to the pack's, and what EPSG states of its relation to WGS 84 there, metres
+    (None: nothing). What it is off by, the pack is off by, whatever its own CRS is."""
+
+    name: str
+    accuracy_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None
+
+
 class Bounds(Part):
     """The rectangle of the pixels, in map coordinates and as the geographic box around it (west > east where it crosses 180°)."""
 
@@ -152,6 +160,7 @@ class Manifest(Part):
     name: str
     software: str
     crs: CrsEntry
+    reprojected_from: tuple[ReprojectedFrom, ...] = ()
     gsd_m: Positive
     bounds: Bounds
     capture_date: str

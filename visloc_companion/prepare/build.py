@@ -42,7 +42,7 @@ from visloc_companion.prepare.replaced import check_target, existing_parent
 from visloc_companion.prepare.seams import seams
 from visloc_companion.prepare.specks import specks
 from visloc_companion.prepare.surface import Datum, Surface, make_surface, surface_sources, write_surface
-from visloc_companion.prepare.target import Source, TargetGrid, finer_than_first, ortho_source, pack_grid
+from visloc_companion.prepare.target import Source, TargetGrid, finer_than_first, ortho_source, pack_grid, reprojected_from
 from visloc_companion.prepare.unchanged import Unchanged
 from visloc_companion.prepare.work_folder import Progress, WorkFolder, stage, synced, work_key
 from visloc_companion.types import FloatArray
@@ -144,6 +144,7 @@ def build_pack(
             name=name or (out.resolve() if out.name in ("", "..") else out).name,
             software=SOFTWARE,
             crs=CrsEntry(name=grid.crs.name, epsg=grid.crs.epsg, wkt=grid.crs.wkt),
+            reprojected_from=reprojected_from(sources, grid.crs),
             gsd_m=ground_gsd_m(grid.crs, grid.T_map_pix, (grid.rows, grid.cols), str(out)),
             bounds=_bounds(grid),
             capture_date=capture_date,

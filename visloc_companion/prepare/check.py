@@ -17,7 +17,7 @@ from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
 from visloc_companion.maps.manifest import FeatureLevel, Manifest
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.maps.registration import pack_accuracy_m, why_off
+from visloc_companion.maps.registration import pack_tie, why_off
 from visloc_companion.prepare.heights import cloud_above_at_places, cloud_above_surface_m, heights_warnings, surface_range
 from visloc_companion.prepare.matchability import Matchability, matchability
 from visloc_companion.prepare.route import Route, read_route
@@ -40,13 +40,14 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, network
     cells = matchability(pack)
     known = int(cells.known.sum())
     above = cloud_above_at_places(pack)
+    tie = pack_tie(pack)
     result: dict[str, Any] = {
         "schema": 1,
         "name": pack.manifest.name,
         "files": len(pack.manifest.files),
         "share_valid": pack.manifest.share_valid,
         "share_with_height": pack.manifest.heights.share_known,
-        "crs_accuracy_m": pack_accuracy_m(pack),
+        "crs_accuracy_m": tie.accuracy_m,
         "surface": surface_range(pack),
         "cloud_above_surface_m": cloud_above_surface_m(above),
         "matchability": {
@@ -65,7 +66,7 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, network
     result["warnings"] = _warnings(result)
     result["warnings"] += [] if planned is None else _planned_warnings(pack, planned, margin_m)
     result["warnings"] += heights_warnings(above)
-    result["warnings"] += [why] if (why := why_off(pack.crs.name, result["crs_accuracy_m"])) else []
+    result["warnings"] += [why] if (why := why_off(tie)) else []
     result["warnings"] += [why for each in (GRADIENT, *networks) if (why := pack.why_not_stored(each.name, each.recipe))]
     result["passed"] = planned is None or result["route"]["points_outside"] == 0
     return result
@@ -152,7 +153,7 @@ def pack_info(pack: PackMap, folder: Path) -> dict[str, Any]:
         "schema": 1,
         "folder": str(folder),
         "bytes": sum(entry.bytes for entry in manifest.files.values()),
-        "crs_accuracy_m": pack_accuracy_m(pack),
+        "crs_accuracy_m": pack_tie(pack).accuracy_m,
         "surface": surface_range(pack),
         "features": features_info(manifest),
         "cloud": cloud_info(manifest),

@@ -14,6 +14,7 @@ from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine
 from visloc_companion.maps.crs import MapCrs, utm_at
 from visloc_companion.maps.geotiff import Stretch, layer_of, open_ortho
 from visloc_companion.maps.layer import Layer
+from visloc_companion.maps.manifest import ReprojectedFrom
 from visloc_companion.maps.outlasts import outlasts_geotiff
 from visloc_companion.maps.places import middle_of
 from visloc_companion.maps.seamless import goes_around
@@ -125,6 +126,16 @@ def finer_than_first(sources: Sequence[Source], smallest_m: float = 0.0) -> list
         for source in sources[1:]
         if max(source.gsd_m, smallest_m) < first.gsd_m / FINER
     ]
+
+
+def reprojected_from(sources: Sequence[Source], crs: MapCrs) -> tuple[ReprojectedFrom, ...]:
+    """The CRSs of orthophotos that are changed to this one, each once, as the first orthophoto in it has it."""
+    found: dict[str, ReprojectedFrom] = {}
+    for source in sources:
+        if source.crs != crs and source.crs.name not in found:
+            accuracy_m = source.crs.accuracy_m(*middle_of(source.layer))
+            found[source.crs.name] = ReprojectedFrom(name=source.crs.name, accuracy_m=accuracy_m)
+    return tuple(found.values())
 
 
 def pack_crs(first: Source) -> MapCrs:

@@ -16,6 +16,7 @@ from visloc_companion.maps.crs import map_crs
 from visloc_companion.maps.outlasts import outlasts_geotiff
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.raster import RasterMap
+from visloc_companion.maps.registration import pack_tie
 from visloc_companion.prepare.build import build_pack
 from visloc_companion.types import GeoPoint
 
@@ -83,3 +84,22 @@ def test_what_is_centred_on_a_pole_is_named_with_what_to_do(tmp_path: Path, crs:
     with pytest.raises(MapError, match=rf"dsm\.tif: has its middle at the {told}"):
         build_pack([beside], raster("dsm.tif", "float32", 0.0), tmp_path / "pack")
     assert build_pack([beside], None, tmp_path / "pack").crs.epsg == int(crs[5:])
+
+
+def test_a_pack_keeps_what_the_crs_its_orthophotos_were_changed_from_is_off_by(tmp_path: Path, write_raster) -> None:
+    """Degrees of NAD27 became UTM of WGS 84, and the pack was tied to that by its nature, good to 0.5 m in flight."""
+    write_raster(tmp_path / "nad27.tif", picture(200), "EPSG:4267", (36.0, -80.0), 1.0)
+    write_raster(tmp_path / "utm.tif", picture(200), "EPSG:32617", (36.0, -80.0), 1.0)
+    write_raster(tmp_path / "nad83.tif", picture(200), "EPSG:26917", (36.0, -80.0), 1.0)
+    ties = {}
+    for first, *others in (["nad27"], ["utm"], ["utm", "nad27"], ["utm", "nad83", "nad27"], ["nad83"], ["nad83", "utm"]):
+        build_pack([tmp_path / f"{name}.tif" for name in (first, *others)], None, tmp_path / "pack")
+        ties[(first, *others)] = pack_tie(PackMap.open(tmp_path / "pack"))
+    assert [(*tie,) for tie in ties.values()] == [
+        ("NAD27", 10.0),
+        ("WGS 84 / UTM zone 17N", 0.0),
+        ("NAD27", 10.0),
+        ("NAD27", 10.0),
+        ("NAD83 / UTM zone 17N", 4.0),
+        ("NAD83 / UTM zone 17N", 4.0),
+    ]

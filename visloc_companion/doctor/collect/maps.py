@@ -13,7 +13,7 @@ from visloc_companion.errors import VislocError
 from visloc_companion.geo.way import along
 from visloc_companion.maps.manifest import manifest_bytes
 from visloc_companion.maps.pack import PackMap
-from visloc_companion.maps.registration import pack_accuracy_m
+from visloc_companion.maps.registration import pack_tie
 from visloc_companion.maps.signature import public_keys, require_signed
 from visloc_companion.types import GeoPoint
 
@@ -43,7 +43,7 @@ def read_map(config: Config, link: LinkFacts | None, network: tuple[str, str] | 
         mission_empty=empty_share(pack, mission) if mission else 0.0,
         height_above_surface_m=None if home is None else _above_surface(pack, home),
         features_missing="" if network is None else pack.why_not_stored(*network),
-        crs_accuracy_m=pack_accuracy_m(pack),
+        crs_accuracy_m=pack_tie(pack).accuracy_m,
         signed_by=signed_by,
         signature_problem=signature_problem,
     )
