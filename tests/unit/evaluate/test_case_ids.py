@@ -67,6 +67,23 @@ def test_a_case_without_an_answer_may_be_of_elsewhere(tmp_path: Path) -> None:
     assert document["cases"][0]["status"] == "no_fix"
 
 
+@pytest.mark.parametrize(
+    ("truth", "words"),
+    [
+        ("b,48.5,8,100,0,0,0,1,1", "id b: it is the truth of another place: it lies 167 km from its prior; a fix near the prior"),
+        ("b,8,47,100,0,0,0,1,1", "id b: latitude and longitude are exchanged: it lies 5"),
+    ],
+)
+def test_one_truth_that_lies_elsewhere_costs_no_answers(tmp_path: Path, truth: str, words: str) -> None:
+    """The prior may be what is elsewhere, and only the summary rests on a truth."""
+    cases, near = [CASE, f"b{CASE[1:]}", f"c{CASE[1:]}"], ["a,47,8,100,0,0,0,1,1", "c,8,47,100,0,0,0,1,0"]
+    document, _ = evaluate_image(images(tmp_path, cases, [*near, truth]), "gradient")
+    assert [case["id"] for case in document["cases"]] == ["a", "b", "c"]
+    (warning,) = document["warnings"]
+    assert words in warning and "truth.csv" in warning
+    assert document["summary"]["n_solvable"] == 2, "it is judged all the same"
+
+
 def test_a_table_of_another_encoding_is_told_so(tmp_path: Path) -> None:
     folder = images(tmp_path, [CASE], [])
     (folder / "cases.csv").write_text((folder / "cases.csv").read_text(), encoding="utf-16")

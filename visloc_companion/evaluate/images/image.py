@@ -23,7 +23,7 @@ from visloc_companion.evaluate.case_ids import require_truth_of
 from visloc_companion.evaluate.cases import BadCase, Case, read_cases, read_frame, read_truth
 from visloc_companion.evaluate.ended_in_order import BrokenOff, done_until_broken_off
 from visloc_companion.evaluate.images.case_map import map_near, open_case_map
-from visloc_companion.evaluate.images.case_places import require_truth_near
+from visloc_companion.evaluate.images.case_places import far_truths
 from visloc_companion.evaluate.images.frame_sizes import mixed_sizes
 from visloc_companion.evaluate.images.image_metrics import CaseResult, summarise
 from visloc_companion.evaluate.images.map_sigma import MapSigma, with_map_sigma
@@ -71,7 +71,7 @@ def evaluate_image(
     """
     cases, truth = read_cases(folder), read_truth(folder)
     require_truth_of([case.case_id for case in cases], truth, folder / "truth.csv")
-    require_truth_near(cases, truth, folder / "truth.csv")
+    far = far_truths(cases, truth, folder / "truth.csv")
     cases = cases[:limit]
     about = environment(_features(method, network))  # first: what stands against the network is said before an hour of cases
     results = list[CaseResult]()
@@ -85,7 +85,7 @@ def evaluate_image(
         "cases": [as_json(result) for result in results],
         "summary": summarise(results, truth),
     }
-    if warnings := mixed_sizes(cases[: len(results)], results):
+    if warnings := [*far, *mixed_sizes(cases[: len(results)], results)]:
         document["warnings"] = warnings
     if why is not None:
         raise BrokenOff(document, results, why)
