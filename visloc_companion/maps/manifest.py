@@ -91,7 +91,7 @@ class HeightEntry(Part):
     share_known: Annotated[float, Field(ge=0, le=1)]
     """Share of the orthophoto with a height."""
     share_filled: Annotated[float, Field(ge=0, le=1)]
-    """Share of the surface model that was filled from neighbours."""
+    """Share of the surface model that was filled from neighbours; cells that a cloud's points missed by chance do not count."""
 
 
 class FeatureLevel(Grid):

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from visloc_companion.maps.filled import without_holes
 from visloc_companion.maps.geotiff import layer_of, open_dsm, open_ortho
 from visloc_companion.maps.grid import GridMap, Heights
+from visloc_companion.maps.layer import ArrayLayer
 from visloc_companion.maps.places import middle_of
 from visloc_companion.maps.seamless import goes_around, seam_away
 
@@ -24,8 +26,11 @@ class RasterMap(GridMap):
         return RasterMap(self._crs, pixels, replace(heights, layer=surface), self._gsd_m)
 
     @classmethod
-    def open(cls, ortho: Path, dsm: Path | None = None, ground_h_amsl_m: float = 0.0) -> RasterMap:
+    def open(
+        cls, ortho: Path, dsm: Path | None = None, ground_h_amsl_m: float = 0.0, *, without_small_holes: bool = False
+    ) -> RasterMap:
         """Open the files. Heights are those of the surface model as they are (or the plane): metres above sea level.
+        `without_small_holes`: filled as packs have them filled, unless the model is too large to be held in memory.
 
         Raises MapError for a file that cannot be read or is damaged, DatumMissing for one without a CRS or georeference.
         """
@@ -36,5 +41,8 @@ class RasterMap(GridMap):
         else:
             surface = open_dsm(dsm)
             here = image.crs.to_geo(*middle_of(pixels))
-            heights = Heights(seam_away(layer_of(surface), surface.crs, here), surface.crs, ground_h_amsl_m)
+            layer = layer_of(surface)
+            if without_small_holes and isinstance(layer, ArrayLayer):
+                layer = without_holes(layer, surface.gsd_m)
+            heights = Heights(seam_away(layer, surface.crs, here), surface.crs, ground_h_amsl_m)
         return cls(image.crs, pixels, heights, gsd_m)

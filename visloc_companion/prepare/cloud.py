@@ -12,6 +12,7 @@ from visloc_companion.errors import CloudError, DatumMissing
 from visloc_companion.geo.raster import T_map_pix_from_gdal
 from visloc_companion.maps.cloud_las import LasFile, open_las
 from visloc_companion.maps.crs import MapCrs
+from visloc_companion.maps.filled import fill_holes
 from visloc_companion.maps.fills import HEIGHTS_M
 from visloc_companion.maps.ground_pixel import ground_gsd_m
 from visloc_companion.maps.layer import array_layer
@@ -21,6 +22,8 @@ from visloc_companion.types import FloatArray
 
 POINTS_PER_CELL = 3.0
 CELL_M = (0.25, 5.0)
+MISSED_PX = 1
+"""Of cells that hold three points on average one in twenty holds none: no hole of the surface."""
 MAX_CELLS = 80_000_000
 """Heights, mask and levels of as many cells take 0.8 GB."""
 WILD_BLOCK = 1024
@@ -64,6 +67,7 @@ def _rasterised(las: LasFile, crs: MapCrs) -> Source:
         raise CloudError("holds no point that is a surface", where=str(las.path), remedy="name a cloud with content")
     T_map_pix = T_map_pix_from_gdal((cell, 0.0, float(low[0]), 0.0, -cell, float(high[1])))
     heights *= np.float32(las.height_unit_m)
+    fill_holes(heights, known, MISSED_PX)
     heights[~known] = 0
     gsd_m = ground_gsd_m(crs, T_map_pix, (rows, cols), str(las.path))
     return Source(str(las.path), array_layer(T_map_pix, heights, known), crs, gsd_m)

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import rasterio
-import rasterio.fill
 import rasterio.shutil
 from numpy.typing import NDArray
 from rasterio.enums import ColorInterp
@@ -18,6 +17,8 @@ from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
 from visloc_companion.geo.raster import apply_affine, compose_affine
+from visloc_companion.maps.filled import FILL_PX, fill_reach_px
+from visloc_companion.maps.filled import filled as filled_heights
 from visloc_companion.maps.layer import Values
 from visloc_companion.maps.places import pix_of_geo
 from visloc_companion.maps.warp import warp_affine, warp_places
@@ -25,9 +26,6 @@ from visloc_companion.prepare.target import BLOCK_PX, Source, TargetGrid
 from visloc_companion.types import FloatArray
 
 SIDE_PX = 2048
-FILL_PX, FILL_M = 12, 30.0
-"""Holes of the surface model are filled from neighbours up to so many pixels and metres away, one pixel at least: slopes go on
-beyond that as nobody knows."""
 Step = Callable[[int], None]
 """Called with the number of pixels that are done."""
 
@@ -59,14 +57,14 @@ def write_heights(path: Path, grid: TargetGrid, sources: Sequence[Source], lower
     Raises as `write_ortho`.
     """
     n_known = n_filled = 0
-    reach_px = min(FILL_PX, max(1, int(FILL_M / grid.pixel)))
+    reach_px = fill_reach_px(grid.pixel)
     plain = path.with_suffix(".plain.tif")
     with _writing(path), rasterio.open(plain, "w", nodata=np.nan, **_profile(grid, 1, "float32")) as out:
         for window, T_map_pix, size_px in blocks(grid, SIDE_PX):
             margin = np.array([[1.0, 0.0, -FILL_PX], [0.0, 1.0, -FILL_PX]])
             grown = size_px[0] + 2 * FILL_PX, size_px[1] + 2 * FILL_PX
             heights, known = merged(sources, grid, compose_affine(T_map_pix, margin), grown, 1)
-            filled = _filled(heights.astype(np.float32), known, reach_px)
+            filled = filled_heights(heights.astype(np.float32), known, reach_px)
             inner = slice(FILL_PX, -FILL_PX), slice(FILL_PX, -FILL_PX)
             n_filled += int((np.isfinite(filled) & ~known)[inner].sum())
             n_known += int(np.isfinite(filled[inner]).sum())
@@ -116,13 +114,6 @@ def merged(
         merged[use] = values[use]
         valid |= known
     return merged, valid
-
-
-def _filled(heights: NDArray[np.float32], known: NDArray[np.bool_], reach_px: int) -> NDArray[np.float32]:
-    if known.all() or not known.any():
-        return np.where(known, heights, np.float32(np.nan))
-    out = rasterio.fill.fillnodata(np.where(known, heights, np.float32(-1e6)), known, max_search_distance=reach_px)
-    return np.where(out > -1e5, out, np.float32(np.nan)).astype(np.float32)
 
 
 def _profile(grid: TargetGrid, count: int, dtype: str) -> dict[str, Any]:

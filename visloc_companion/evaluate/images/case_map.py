@@ -17,7 +17,7 @@ def open_case_map(ortho: Path, dsm: Path | None) -> RasterMap | PackMap:
     Raises MapError for what is no map, a damaged one, and a surface model beside a pack, DatumMissing as RasterMap.open.
     """
     if not ortho.is_dir():
-        return RasterMap.open(ortho, dsm)
+        return RasterMap.open(ortho, dsm, without_small_holes=True)
     if dsm is not None:
         raise MapError(
             "is given beside a pack, which holds its own heights", where=f"dsm = {dsm}", remedy="leave the column empty"
