@@ -7,8 +7,8 @@ large it is; a GNSS beside them can, of their sum.
 So one more solution (`HELD`) is kept beside the filter: the filter as it was when a trusted GNSS last told the place, which took
 that position as well. It takes all that the filter takes, and is where the vehicle is if that GNSS was right; the filter is if it
 was false (integrity.py), with the probability that the monitor has for that, but never less than is assumed of a GNSS that was
-lost (refused.DRAGGED). What a mounting does to fixes turns with the vehicle, so on another heading it is left to the fixes again;
-so it is once they have told the filter as much.
+lost (refused.DRAGGED). What a mounting does to fixes turns with the vehicle: where that is no state of its own (lasting.py) it is
+left to the fixes again on another heading; so it is once they have told the filter as much.
 """
 
 from __future__ import annotations
@@ -71,14 +71,14 @@ def released(without: Solutions) -> Solutions:
     return separation.chosen(without, np.array([leaves != HELD for leaves in without.leaves], dtype=np.bool_))
 
 
-def looked(belief: Belief, heading_rad: float | None) -> Belief:
+def looked(belief: Belief, heading_rad: float | None, mounting_rad: float = 0.0) -> Belief:
     """The belief before a fix of a camera with this heading: on another one than the last when GNSS told, fixes err by something
-    else."""
+    else, but where it is known what the mounting has of them (its 1-sigma, `mounting_rad`): that is a state, and turns along."""
     if heading_rad is None:
         return belief
     told_rad = heading_rad if belief.headings_rad is None else belief.headings_rad[0]
-    turned = HELD in belief.without.leaves and abs(math.remainder(heading_rad - told_rad, math.tau)) > TURNED_RAD
-    without = released(belief.without) if turned else belief.without
+    turned = abs(math.remainder(heading_rad - told_rad, math.tau)) > TURNED_RAD
+    without = released(belief.without) if turned and mounting_rad == 0 else belief.without
     return belief._replace(headings_rad=(told_rad, heading_rad), without=without)
 
 

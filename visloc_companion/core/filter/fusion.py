@@ -217,7 +217,7 @@ def observed(
     `max_step_m`: larger corrections reach the autopilot as resets (`injection.max_step_m`).
     """
     considered = CONSIDERED[belief.drive]
-    belief = by_gnss.looked(belief, z.heading_rad)
+    belief = by_gnss.looked(belief, z.heading_rad, z.mounting_rad)
     at, cov = np.array(z.p_ne_m), np.array(z.cov_ne_m2)
     if z.from_fix:
         cov = claims.over(belief.claims, z.method) * cov

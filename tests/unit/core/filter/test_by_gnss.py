@@ -43,17 +43,18 @@ def velocity(t_s: float) -> Velocity:
 class Flight:
     """Northwards for a while, with two fixes a second that lie so far east, all alike."""
 
-    def __init__(self, off_m: float = 0.0, claim_m: float = CLAIM_M) -> None:
+    def __init__(self, off_m: float = 0.0, claim_m: float = CLAIM_M, mounting_deg: float = 0.0) -> None:
         start = seeded(0, (0.0, 0.0), 5.0, 0.3, Drive.AUTOPILOT, SETTINGS)
         self.filter = PositionFilter(SETTINGS, ORIGIN, start, velocity(0.0))
-        self.t_s, self.off_m, self.claim_m = 0.0, off_m, claim_m
+        self.t_s, self.off_m, self.claim_m, self.mounting_rad = 0.0, off_m, claim_m, math.radians(mounting_deg)
 
     def run(self, seconds: float, gnss_east: float | None = None, heading_deg: float = 0.0) -> Flight:
         for _ in range(round(10 * seconds)):
             self.t_s = round(self.t_s + 0.1, 1)
             self.filter.drive(velocity(self.t_s))
             if round(10 * self.t_s) % 5 == 0:
-                self.filter.observe(fix(self.t_s, SPEED_MPS * self.t_s, self.off_m, self.claim_m, heading_deg))
+                seen = fix(self.t_s, SPEED_MPS * self.t_s, self.off_m, self.claim_m, heading_deg)
+                self.filter.observe(seen, self.mounting_rad)
             if gnss_east is not None and round(10 * self.t_s) % 10 == 0:
                 self.filter.beside_gnss(round(self.t_s * S), place(SPEED_MPS * self.t_s, gnss_east), 3.0)
         return self
@@ -99,6 +100,14 @@ def test_it_lasts_while_fixes_err_as_they_did() -> None:
 @pytest.mark.parametrize(("turned_deg", "holds"), [(10.0, True), (30.0, False), (-170.0, False)])
 def test_on_another_heading_nothing_is_known(turned_deg: float, holds: bool) -> None:
     assert Flight().run(20, gnss_east=0.0).run(2, heading_deg=turned_deg).holds is holds
+
+
+@pytest.mark.parametrize("turned_deg", [30.0, -170.0])
+def test_a_mounting_that_is_a_state_turns_along(turned_deg: float) -> None:
+    told = Flight(mounting_deg=0.5).run(20, gnss_east=0.0).run(10, heading_deg=turned_deg)
+    assert told.holds
+    assert told.level_m() < 0.98 * told.level_m(1.0)
+    assert not told.run(80, heading_deg=turned_deg).holds, "fixes have told as much"
 
 
 def test_the_heading_counts_from_where_gnss_last_told() -> None:
