@@ -134,10 +134,10 @@ class Remembered(Tilt):
         told = known.turn_ne_rad + var / (var + var_rad2) * (z - known.turn_ne_rad)
         seen = TiltSeen((float(z[0]), float(z[1])), ((var_rad2, 0.0), (0.0, var_rad2)))
         fix = replace(_fix(t_ns, self._number, np.zeros(2), np.eye(2), heading_rad), tilt=seen)
-        mounting_rad, more_rad2 = self._memory.told(fix, (self._speed_mps, 0.0), HEIGHT_M)
+        mounting_rad, more_rad2, turn_rad = self._memory.told(fix, (self._speed_mps, 0.0), HEIGHT_M)
         self._memory.taken(fix, (self._speed_mps, 0.0), HEIGHT_M)
         true = np.hstack([turned, np.eye(2), np.zeros((2, 2))]) @ self._true
-        return Looked(true - told, (var * var_rad2 / (var + var_rad2) + more_rad2) * np.eye(2), mounting_rad)
+        return Looked(true - told - turn_rad, (var * var_rad2 / (var + var_rad2) + more_rad2) * np.eye(2), mounting_rad)
 
 
 def flown(drawn: Drawn, seed: int) -> FloatArray:

@@ -16,6 +16,10 @@ TURN_SHARE = 0.003
 CAMERA_SIGMA = (FOCAL_SHARE, math.radians(1.0))
 """... whose focal length (a share) and mounting about its axis (rad) are off by so much (1-sigma)."""
 
+LAND_RAD = math.radians(1.5)
+"""1-sigma of the slope of the land on one axis (localise/mapped/ground.py): a picture of ground whose heights are not known tells
+the tilt no better."""
+
 
 def tilt_gained(q_before: Quat, turn: Turn, q_now: Quat) -> tuple[FloatArray, FloatArray]:
     """By how much (2,) the rotation about north and east that sets the reported attitude's tilt right has changed between the two

@@ -34,7 +34,7 @@ from visloc_companion.core.filter.lasting import BY_SHAPE
 from visloc_companion.core.terrain.terrain_aiding import METHOD as TERRAIN
 from visloc_companion.core.timesync import ClockOffset
 from visloc_companion.core.tracking import Tracker
-from visloc_companion.geo import se3
+from visloc_companion.geo import se3, wgs84
 from visloc_companion.types import (
     Command,
     Fix,
@@ -268,8 +268,8 @@ class OnboardCamera:
         return told
 
     def stated(self, fix: Fix, state: NavState | None) -> Fix:
-        """The fix with what its time and the tilt that it was told may be off by in its covariance; `state`: the filter's at that
-        time."""
+        """The fix as it is with what earlier ones tell of its tilt, and with what its time and that tilt may be off by in its
+        covariance; `state`: the filter's at that time."""
         self.mounting_rad = 0.0
         per_focal_ne_m = self.ramp.stated(fix)
         if per_focal_ne_m is not fix.per_focal_ne_m:
@@ -277,8 +277,9 @@ class OnboardCamera:
         if state is None or fix.method == TERRAIN:
             return fix
         if fix.method not in BY_SHAPE:
-            self.mounting_rad, more_rad2 = self._tilt.told(fix, state.v_ned_mps[:2], self._height_m)
-            fix = _with_more(fix, more_rad2 * self._height_m**2)
+            told = self._tilt.told(fix, state.v_ned_mps[:2], self._height_m)
+            self.mounting_rad = told.mounting_rad
+            fix = _turned(_with_more(fix, told.more_rad2 * self._height_m**2), told.turn_ne_rad, self._height_m)
         return self._time.stated(fix, state.v_ned_mps)
 
     def on_fix(self, fix: Fix, *, taken: bool, gnss_trusted: bool) -> list[Command]:
@@ -349,3 +350,12 @@ def _with_more(fix: Fix, more_m2: float) -> Fix:
         return fix
     (nn, ne), (en, ee) = fix.cov_ne_m2
     return replace(fix, cov_ne_m2=((nn + more_m2, ne), (en, ee + more_m2)))
+
+
+def _turned(fix: Fix, turn_ne_rad: Vec2, height_m: float) -> Fix:
+    """The fix turned by a small rotation about north and east around the ground that it looks at, so far below it."""
+    if turn_ne_rad == (0.0, 0.0):
+        return fix
+    north, east = turn_ne_rad
+    place = wgs84.geo_from_ned((-height_m * east, height_m * north, 0.0), fix.place)
+    return replace(fix, place=place, q_ned_frd=se3.quat_multiply(se3.quat_from_vector((north, east, 0.0)), fix.q_ned_frd))

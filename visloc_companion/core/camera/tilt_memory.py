@@ -27,7 +27,7 @@ import numpy as np
 from visloc_companion.core.filter.lasting import SHARE, apart_m, root_m
 from visloc_companion.core.remembered import remember
 from visloc_companion.geo import se3
-from visloc_companion.geo.tilt import CAMERA_SIGMA, by_camera, composed, tilt_gained
+from visloc_companion.geo.tilt import CAMERA_SIGMA, LAND_RAD, by_camera, composed, tilt_gained
 from visloc_companion.types import Fix, FloatArray, LocaliseRequest, Quat, TiltBefore, TiltPrior, TiltSeen, Turn, Vec2
 
 MOUNTING, ATTITUDE, IN_COMMON, KEPT, CAMERA = (slice(k, k + 2) for k in (0, 2, 4, 6, 8))
@@ -73,18 +73,24 @@ class _Stretch:
 
 
 class Told(NamedTuple):
-    """Of the tilt that a fix claims, on each axis: the mounting's 1-sigma (rad), as it is known with what that fix sees, and by
-    how much the variance is larger than its localiser can know (rad²), which takes the slope of the ground in view for news,
-    though earlier fixes took the same slope for a tilt."""
+    """Of the tilt of a fix, as it is known with what that fix sees: the mounting's 1-sigma on each axis (rad); by how much the
+    variance on each axis is larger than its localiser can know (rad²), which takes the slope of the ground in view for news,
+    though earlier fixes took the same slope for a tilt; and the rotation about north and east (rad) that sets right what it
+    made of that, where it did not know how the ground slopes."""
 
     mounting_rad: float
     more_rad2: float
+    turn_ne_rad: Vec2
+
+
+NOTHING_TOLD = Told(0.0, 0.0, (0.0, 0.0))
 
 
 class _Asked(NamedTuple):
-    """Of a request: what is seen of mounting and attitude (2, 4), and the variance of the tilt that it tells, rad²."""
+    """Of a request: what is seen of mounting and attitude (2, 4), and the tilt that it tells, rad, with its variance, rad²."""
 
     H: FloatArray
+    turn_ne_rad: Vec2
     told_rad2: float
 
 
@@ -139,30 +145,31 @@ class TiltMemory:
         return (north, east), math.sqrt(float(np.linalg.eigvalsh(H @ P[TILT, TILT] @ H.T)[-1]))
 
     def told(self, fix: Fix, v_ne_mps: Vec2, height_m: float) -> Told:
-        """What a fix claims of the tilt, at a velocity and a height above the ground, before it is taken; nothing of one that saw
-        no tilt."""
+        """Of the tilt of a fix, at a velocity and a height above the ground, before it is taken; nothing of one that saw none."""
         asked = self._asked.get(fix.request_id)
         if asked is None or fix.tilt is None or height_m <= 0:
-            return Told(0.0, 0.0)
-        seen = self._seen(fix, fix.tilt, asked.H, v_ne_mps, height_m)
-        P, H, R = seen.P, seen.H, seen.R
-        of_mounting = P[MOUNTING] @ H.T
-        mounting = P[MOUNTING, MOUNTING] - of_mounting @ np.linalg.solve(H @ P @ H.T + R, of_mounting.T)
-        blocks = np.array(fix.tilt.cov_rad2)
+            return NOTHING_TOLD
+        x, P, H, R = self._seen(fix, fix.tilt, asked.H, v_ne_mps, height_m)
+        seen, blocks = np.array(fix.tilt.turn_ne_rad), np.array(fix.tilt.cov_rad2)
+        nu, S = seen - H @ x, H @ P @ H.T + R
+        nis = float(nu @ np.linalg.solve(S, nu))
+        if nis <= GATE_SIGMA**2:
+            x, P = _learnt(x, P, H, nu, R + _unexpected(nis, S))
         kept = blocks @ np.linalg.inv(asked.told_rad2 * UNIT + blocks)  # of what was told; the rest is the picture's
-        of_fix = kept @ H
-        of_fix[:, IN_COMMON] -= H[:, IN_COMMON]
-        by_picture = UNIT - kept
-        errs_rad2 = of_fix @ P @ of_fix.T + by_picture @ R @ by_picture.T
-        more = float(np.trace(errs_rad2 - asked.told_rad2 * kept)) / 2
-        return Told(math.sqrt(max(0.0, float(np.trace(mounting)) / 2)), max(0.0, more))
+        north, east = 0.0, 0.0
+        if float(np.linalg.eigvalsh(blocks)[0]) >= LAND_RAD**2:  # whoever knows the surface sees more of a tilt, and errs anew
+            north, east = (asked.H @ x[TILT] - kept @ asked.turn_ne_rad - (UNIT - kept) @ seen).tolist()
+        more = float(np.trace(asked.H @ P[TILT, TILT] @ asked.H.T - asked.told_rad2 * kept)) / 2
+        mounting_rad2 = float(np.trace(P[MOUNTING, MOUNTING])) / 2
+        return Told(math.sqrt(max(0.0, mounting_rad2)), max(0.0, more), (north, east))
 
     def asked(self, request: LocaliseRequest, q_ned_frd: Quat) -> None:
         """Remember the attitude of the vehicle, and that of the camera's body, that a request's prior has."""
         H = _seen_of(se3.R_from_quat(q_ned_frd))
         known = request.prior.tilt
         told_rad = request.prior.sigma_tilt_rad if known is None else known.sigma_rad
-        remember(self._asked, request.request_id, _Asked(H, told_rad**2))
+        turn_ne_rad = (0.0, 0.0) if known is None else known.turn_ne_rad
+        remember(self._asked, request.request_id, _Asked(H, turn_ne_rad, told_rad**2))
         remember(self._frames, request.frame.t_ns, (request.prior.q_ned_frd, H), FRAMES_KEPT)
 
     def remounted(self, turn_rad: FloatArray) -> None:
@@ -244,9 +251,7 @@ class TiltMemory:
 
     def _learn(self, H: FloatArray, y: FloatArray, R: FloatArray) -> None:
         """One update by an innovation (2,) of H (2, 10) with the covariance R (2, 2)."""
-        gain = _weight(H @ self._P @ H.T + R, self._P @ H.T)
-        left = np.eye(STATES) - gain @ H
-        self._x, self._P = self._x + gain @ y, left @ self._P @ left.T + gain @ R @ gain.T
+        self._x, self._P = _learnt(self._x, self._P, H, y, R)
 
     def taken(self, fix: Fix, v_ne_mps: Vec2, height_m: float) -> None:
         """Learn from a fix that the filter took, at a velocity and a height above the ground."""
@@ -284,8 +289,11 @@ class TiltMemory:
 
     @property
     def _wander_rad2(self) -> float:
-        """Variance of the attitude's error on each axis: what its rate comes to in ATTITUDE_S."""
-        return min(max(self._rate * ATTITUDE_S / 2, self._attitude_rad**2), WIDEST_RAD**2)
+        """Variance of the attitude's error on each axis: a calm one's, what its rate beyond the least believed comes to in
+        ATTITUDE_S, and that of the error that is known: a large one is no calm attitude's, and stays for longer."""
+        restless_rad2 = (self._rate - self._least_rate) * ATTITUDE_S / 2
+        known_rad2 = float(np.vdot(self._x[ATTITUDE], self._x[ATTITUDE])) / 2
+        return min(self._attitude_rad**2 + restless_rad2 + known_rad2, WIDEST_RAD**2)
 
     def _kept(self, t_ns: int) -> float:
         """The share of the attitude's error that is left at a time."""
@@ -308,6 +316,13 @@ def _weight(S: FloatArray, C: FloatArray) -> FloatArray:
     K = np.linalg.solve(S, C.T).T
     K[CAMERA] = 0.0
     return np.asarray(K)
+
+
+def _learnt(x: FloatArray, P: FloatArray, H: FloatArray, y: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance after an innovation (2,) of H (2, 10) with the covariance R (2, 2)."""
+    gain = _weight(H @ P @ H.T + R, P @ H.T)
+    left = np.eye(STATES) - gain @ H
+    return x + gain @ y, left @ P @ left.T + gain @ R @ gain.T
 
 
 def _unexpected(nis: float, S: FloatArray) -> FloatArray:

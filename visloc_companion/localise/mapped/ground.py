@@ -13,12 +13,12 @@ import math
 
 import numpy as np
 
+from visloc_companion.geo.tilt import LAND_RAD
 from visloc_companion.localise.features.base import Float32Array, Mask
 
 TREND_M = 1.2
-"""What roofs and trees add to one axis' linear trend of the surface, standard deviation over the footprint (metres), ..."""
-LAND_RAD = math.radians(1.5)
-"""... and the slope of the land on one axis."""
+"""What roofs and trees add to one axis' linear trend of the surface, standard deviation over the footprint (metres), beside the
+slope of the land."""
 LEVEL_M = 1e-3
 """A surface that varies by less is a plane that stands for an unknown one."""
 

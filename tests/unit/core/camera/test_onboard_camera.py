@@ -12,6 +12,7 @@ from visloc_companion.core.camera.camera_time import UNKNOWN_S
 from visloc_companion.core.camera.gimbal import Gimbal
 from visloc_companion.core.camera.onboard_camera import OnboardCamera
 from visloc_companion.core.camera.sun_memory import FEWEST
+from visloc_companion.core.camera.tilt_memory import NOTHING_TOLD, Told
 from visloc_companion.core.filter.driving import Velocity
 from visloc_companion.core.filter.propagation import Drive
 from visloc_companion.core.settings import GimbalSettings, NavigatorSettings
@@ -292,3 +293,18 @@ def test_a_stated_fix_comes_with_what_the_mounting_has_of_it(tracker: Tracker) -
         assert camera.mounting_rad == 0
     assert camera.stated(fix, None) == fix
     assert camera.mounting_rad == 0
+
+
+def test_a_stated_fix_is_turned_around_the_ground_that_it_looks_at(tracker: Tracker, monkeypatch: pytest.MonkeyPatch) -> None:
+    camera = OnboardCamera(LEVEL, SIGMA_RAD, (0.0, 0.0, 0.0), ClockOffset(), AttitudeBuffer(), tracker)
+    fix, state, turn = fix_at(200 * MS), tracker.at(200 * MS), (0.01, -0.02)
+    monkeypatch.setattr(camera._tilt, "told", lambda *_: Told(0.0, 0.0, turn))
+    stated = camera.stated(fix, state)
+    (x, y, z), (x_before, y_before, z_before) = (se3.R_from_quat(each.q_ned_frd)[:, 2] for each in (stated, fix))
+    north, east, _ = wgs84.ned_from_geo(stated.place, fix.place)
+    assert (y_before - y, x - x_before) == pytest.approx(turn, abs=1e-4), "the right turn about north and east"
+    looked_at = north + 100.0 * x / z, east + 100.0 * y / z
+    assert looked_at == pytest.approx((100.0 * x_before / z_before, 100.0 * y_before / z_before), abs=0.05)
+    assert math.hypot(north, east) > 2.0
+    monkeypatch.setattr(camera._tilt, "told", lambda *_: NOTHING_TOLD)
+    assert camera.stated(fix, state).place == fix.place

@@ -356,6 +356,15 @@ def test_what_braking_does_to_the_attitude_is_followed() -> None:
     assert 0.6 < found[-1, 0] < 1.2
 
 
+def test_a_calm_attitude_is_never_less_known_than_is_stated() -> None:
+    memory = TiltMemory(STATED_RAD)
+    memory.asked(request_of(1, LEVEL, 0.5), LEVEL)
+    memory.taken(fix_of(1, np.zeros(2), 0.5, math.radians(4.0)), FAST, HEIGHT_M)  # tells next to nothing
+    known = memory.known(10**12, LEVEL)
+    assert known is not None
+    assert known.sigma_rad < STATED_RAD
+
+
 def test_turns_since_a_kept_frame_hold_the_tilt_while_nothing_is_recognised() -> None:
     """10 s without a fix: errors of 40 turns of 0.15 degrees add up, those of kept frames of 3 s do not."""
     errors: dict[bool, list[float]] = {True: [], False: []}

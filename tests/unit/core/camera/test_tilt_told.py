@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from tests.unit.core.camera.test_tilt_memory import FAST, HEIGHT_M, LEVEL, STATED_RAD, STILL, fix_of, request_of
-from visloc_companion.core.camera.tilt_memory import TiltMemory
-from visloc_companion.types import Fix
+from visloc_companion.core.camera.tilt_memory import NOTHING_TOLD, TiltMemory
+from visloc_companion.types import Fix, FloatArray
 
 
 def seen_again(claims_deg: tuple[float, ...], n: int, v: tuple[float, float]) -> tuple[TiltMemory, Fix]:
@@ -36,6 +36,50 @@ def test_a_fix_claims_the_slope_that_was_taken_for_a_tilt_before() -> None:
 def test_a_fix_that_saw_no_tilt_claims_nothing_of_it() -> None:
     memory, fix = seen_again((0.5,), 4, FAST)
     assert memory.told(fix, FAST, HEIGHT_M).mounting_rad > 0
-    assert memory.told(replace(fix, tilt=None), FAST, HEIGHT_M) == (0.0, 0.0)
-    assert memory.told(replace(fix, request_id=99), FAST, HEIGHT_M) == (0.0, 0.0)
-    assert memory.told(fix, FAST, 0.0) == (0.0, 0.0)
+    assert memory.told(replace(fix, tilt=None), FAST, HEIGHT_M) == NOTHING_TOLD
+    assert memory.told(replace(fix, request_id=99), FAST, HEIGHT_M) == NOTHING_TOLD
+    assert memory.told(fix, FAST, 0.0) == NOTHING_TOLD
+
+
+SLOPE_RAD, SEEN_RAD = math.radians(1.5), math.radians(0.3)
+
+
+def over_sloping_land(seed: int) -> FloatArray:
+    """(K, 3) of fixes straight ahead over land that slopes as much as they claim: by how much the tilt is off that its localiser
+    makes of each, by how much once that is set right, and its claim on an axis, rad."""
+    rng, memory, found = np.random.default_rng(seed), TiltMemory(STATED_RAD), []
+    tilt, slope = rng.normal(0, STATED_RAD, 2), rng.normal(0, SLOPE_RAD, 2)
+    var_rad2 = SLOPE_RAD**2 + SEEN_RAD**2
+    for k in range(1, 100):
+        known, request = memory.known(k * 500_000_000, LEVEL), request_of(k, LEVEL, 0.5 * k)
+        memory.asked(replace(request, prior=replace(request.prior, tilt=known)), LEVEL)
+        fix = fix_of(k, tilt + slope + rng.normal(0, SEEN_RAD, 2), 0.5 * k, math.sqrt(var_rad2))
+        told = memory.told(fix, STILL, HEIGHT_M)
+        if known is not None and fix.tilt is not None:
+            by_picture = known.sigma_rad**2 / (known.sigma_rad**2 + var_rad2)
+            off = known.turn_ne_rad + by_picture * np.subtract(fix.tilt.turn_ne_rad, known.turn_ne_rad) - tilt
+            claims_rad = math.sqrt(by_picture * var_rad2 + told.more_rad2)
+            found += [(a, b, claims_rad) for a, b in zip(off, off + told.turn_ne_rad, strict=True)]
+        memory.taken(fix, STILL, HEIGHT_M)
+    return np.array(found)
+
+
+def test_a_fix_is_set_right_by_the_slope_that_earlier_ones_saw() -> None:
+    flights = np.concatenate([over_sloping_land(seed) for seed in range(40)])
+    by_localiser, set_right, claimed = np.square(flights).mean(axis=0)
+    assert set_right < 0.9 * by_localiser
+    assert 0.75 * claimed < set_right < 1.4 * claimed  # 1.5 by the localiser: of each slope the memory takes a part for news
+
+
+def test_a_fix_over_ground_whose_heights_are_known_is_as_its_localiser_has_it() -> None:
+    for claims_deg, as_it_is in ((0.5, True), (1.6, False)):
+        memory, _ = seen_again((claims_deg,), 40, STILL)
+        told = memory.told(fix_of(40, np.radians([1.0, -0.5]), 10.0, math.radians(claims_deg)), STILL, HEIGHT_M)
+        assert (told.turn_ne_rad == (0.0, 0.0)) == as_it_is
+        assert told.mounting_rad > 0
+
+
+def test_the_first_fix_is_as_its_localiser_has_it() -> None:
+    memory, _ = seen_again((1.6,), 1, STILL)
+    told = memory.told(fix_of(1, np.radians([1.0, -0.5]), 0.25, math.radians(1.6)), STILL, HEIGHT_M)
+    assert np.abs(told.turn_ne_rad).max() < math.radians(0.02)
