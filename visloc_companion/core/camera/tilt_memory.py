@@ -151,15 +151,16 @@ class TiltMemory:
             return NOTHING_TOLD
         x, P, H, R = self._seen(fix, fix.tilt, asked.H, v_ne_mps, height_m)
         seen, blocks = np.array(fix.tilt.turn_ne_rad), np.array(fix.tilt.cov_rad2)
+        kept = blocks @ np.linalg.inv(asked.told_rad2 * UNIT + blocks)  # of what was told; the rest is the picture's
+        errs_rad2, (north, east) = _by_localiser(P, H, R, kept), (0.0, 0.0)
         nu, S = seen - H @ x, H @ P @ H.T + R
         nis = float(nu @ np.linalg.solve(S, nu))
         if nis <= GATE_SIGMA**2:
             x, P = _learnt(x, P, H, nu, R + _unexpected(nis, S))
-        kept = blocks @ np.linalg.inv(asked.told_rad2 * UNIT + blocks)  # of what was told; the rest is the picture's
-        north, east = 0.0, 0.0
         if float(np.linalg.eigvalsh(blocks)[0]) >= LAND_RAD**2:  # whoever knows the surface sees more of a tilt, and errs anew
             north, east = (asked.H @ x[TILT] - kept @ asked.turn_ne_rad - (UNIT - kept) @ seen).tolist()
-        more = float(np.trace(asked.H @ P[TILT, TILT] @ asked.H.T - asked.told_rad2 * kept)) / 2
+            errs_rad2 = asked.H @ P[TILT, TILT] @ asked.H.T
+        more = float(np.trace(errs_rad2 - asked.told_rad2 * kept)) / 2
         mounting_rad2 = float(np.trace(P[MOUNTING, MOUNTING])) / 2
         return Told(math.sqrt(max(0.0, mounting_rad2)), max(0.0, more), (north, east))
 
@@ -323,6 +324,14 @@ def _learnt(x: FloatArray, P: FloatArray, H: FloatArray, y: FloatArray, R: Float
     gain = _weight(H @ P @ H.T + R, P @ H.T)
     left = np.eye(STATES) - gain @ H
     return x + gain @ y, left @ P @ left.T + gain @ R @ gain.T
+
+
+def _by_localiser(P: FloatArray, H: FloatArray, R: FloatArray, kept: FloatArray) -> FloatArray:
+    """(2, 2) what the tilt errs by that a localiser makes of a fix of H (2, 10) and the covariance R (2, 2) of what is new in it;
+    `kept` (2, 2): what it has of the tilt that was told."""
+    of_fix, by_picture = kept @ H, UNIT - kept
+    of_fix[:, IN_COMMON] -= H[:, IN_COMMON]
+    return np.asarray(of_fix @ P @ of_fix.T + by_picture @ R @ by_picture.T)
 
 
 def _unexpected(nis: float, S: FloatArray) -> FloatArray:

@@ -77,6 +77,8 @@ def test_a_fix_over_ground_whose_heights_are_known_is_as_its_localiser_has_it() 
         told = memory.told(fix_of(40, np.radians([1.0, -0.5]), 10.0, math.radians(claims_deg)), STILL, HEIGHT_M)
         assert (told.turn_ne_rad == (0.0, 0.0)) == as_it_is
         assert told.mounting_rad > 0
+        if as_it_is:  # and claims what its localiser errs by, not the 0.309 degrees of one that is set right
+            assert math.degrees(math.sqrt(told.more_rad2)) > 0.315
 
 
 def test_the_first_fix_is_as_its_localiser_has_it() -> None:
