@@ -29,7 +29,7 @@ from visloc_companion.localise.terrain.correlation import correlated_outer
 from visloc_companion.localise.terrain.elevation import Terrain
 from visloc_companion.localise.terrain.noise import HeightNoise, Parts, Stated, parts, refitted, told
 from visloc_companion.localise.terrain.walked import Walked, walked
-from visloc_companion.localise.terrain.whitening import Whitening, whitening
+from visloc_companion.localise.terrain.whitening import Walk, Whitening, whitening
 from visloc_companion.types import FloatArray
 
 N_UNKNOWNS = 10
@@ -90,6 +90,11 @@ class Fitting:
         independent of each other, so that they follow errors as well as ground (a beam: ten and twenty)."""
         return 1 + N_UNKNOWNS / max(self.temper * len(self.soundings.points_m), 1.0)
 
+    @property
+    def walk_m2_per_s(self) -> float:
+        """What the navigation height walks along a line. Over a patch all soundings tell its mean: it takes seconds."""
+        return self.prior.sigma_h_walk**2 if self.soundings.kind is Kind.PROFILE else 0.0
+
 
 def refine(fitting: Fitting, start: FloatArray) -> Refined:
     """The likeliest unknowns near a start (10,)."""
@@ -134,7 +139,8 @@ def errors_of(fitting: Fitting, sigma_m: float, ground: FloatArray, known: NDArr
     """The errors of soundings that are ground with probabilities (N,), and lie on known model (N,)."""
     own_m2 = fitting.soundings.sigma_m**2
     of_model_m2 = max(sigma_m, fitting.noise.sigma_m) ** 2 - own_m2
-    return whitening(fitting.cells, (1 - UNRESOLVED) * of_model_m2, UNRESOLVED * of_model_m2, own_m2, ground, known)
+    walk = Walk(fitting.soundings.age_s, fitting.walk_m2_per_s)
+    return whitening(fitting.cells, (1 - UNRESOLVED) * of_model_m2, UNRESOLVED * of_model_m2, own_m2, walk, ground, known)
 
 
 def _result(fitting: Fitting, unknowns: FloatArray, noise: HeightNoise, weight: FloatArray, converged: bool) -> Refined:

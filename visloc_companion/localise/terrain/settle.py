@@ -69,11 +69,13 @@ def settled(fitting: Fitting, found: Refined) -> Refined:
     true = told(best.standing.noise()) * scaled(full, np.eye(2) * math.sqrt(max(found.reliability, LEAST_RELIABLE)))
     covariance, inverse = left(fitting, true, fitting.few * under_errors, weight)
     covariance[2, 2] += STANDS * max(0.0, best.standing.sigma_m**2 - fitting.noise.sigma_m**2)
+    of_time = walked(by_each @ inverse[2], fitting.soundings.age_s)
+    covariance[2, 2] -= min(fitting.walk_m2_per_s * of_time.now_m2, covariance[2, 2])  # `walked` carries it on again
     return replace(
         found,
         unknowns=best.unknowns,
         covariance=(covariance + covariance.T) / 2,
-        walked=walked(by_each @ inverse[2], fitting.soundings.age_s),
+        walked=of_time,
         by_drift=np.asarray(inverse[:2, 6:] @ weight[6:, 6:], dtype=np.float64),
         converged=best.converged,
     )

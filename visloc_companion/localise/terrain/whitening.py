@@ -4,9 +4,13 @@ Soundings that count alike leave all long waves of the model's errors in the pos
 over the cells of cells.py
 
     C = errors of the model, alike as in correlation.py  +  its errors of the cell alone  +  noise of the soundings / weight
+        +  what the navigation height walked since
 
 a level that is off over hundreds of metres tells little, and what the ground does within them tells the more. Of what soundings
 differ by within a cell a model with cells as large says nothing: there its errors have slopes that would be taken for ground.
+
+The navigation height is known when the stretch ends and walks the further the longer before: in C the newest soundings tell the
+height, and what it walked is no slope of the ground.
 """
 
 from __future__ import annotations
@@ -22,6 +26,14 @@ from visloc_companion.types import FloatArray
 
 LEAST_GROUND = 1e-9
 """Probability of being ground that every sounding keeps (a finite covariance)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Walk:
+    """Of the navigation height, back from now: a random walk of `m2_per_s`; and the ages (N,) of the soundings, seconds."""
+
+    age_s: FloatArray
+    m2_per_s: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,14 +65,15 @@ class Whitening:
 
 
 def whitening(
-    cells: Cells, alike_m2: float, cell_m2: float, own_m2: float, ground: FloatArray, known: NDArray[np.bool_]
+    cells: Cells, alike_m2: float, cell_m2: float, own_m2: float, walk: Walk, ground: FloatArray, known: NDArray[np.bool_]
 ) -> Whitening:
     """For errors of the model of a variance `alike_m2` that are alike as in `cells` and of `cell_m2` that are each cell's own,
-    soundings with a variance `own_m2` > 0 of their own, their probabilities of being ground (N,), and whether they lie on known
-    model (N,)."""
+    soundings with a variance `own_m2` > 0 of their own under a height that walks, their probabilities of being ground (N,), and
+    whether they lie on known model (N,)."""
     weight = np.maximum(ground * known, LEAST_GROUND)
     of_cell = cells.sums(weight)
+    share = weight / of_cell[cells.of]
+    age_s = cells.sums(share * walk.age_s)
     covariance = alike_m2 * cells.alike + np.diag(cell_m2 / np.minimum(of_cell, 1.0) + own_m2 / of_cell)
-    return Whitening(
-        np.asarray(cho_factor(covariance, lower=True)[0], dtype=np.float64), cells, weight / of_cell[cells.of], cell_m2
-    )
+    covariance += walk.m2_per_s * np.minimum(age_s[:, None], age_s[None])
+    return Whitening(np.asarray(cho_factor(covariance, lower=True)[0], dtype=np.float64), cells, share, cell_m2)

@@ -33,14 +33,19 @@ def test_a_track_that_may_wander_promises_as_much_less(world: SimpleNamespace) -
 
 @pytest.mark.parametrize("drift_mps", [(0.1, 0.0), (0.0, -0.1)])
 def test_a_fix_says_by_how_much_a_drift_moves_it(world: SimpleNamespace, drift_mps: tuple[float, float]) -> None:
-    ground = world.waves(30)
-    model, prior = world.elevation(ground), world.prior()
-    still = accepted(world.profile(ground), prior, model)
-    drifting = accepted(world.profile(ground, drift_mps=tuple(-v for v in drift_mps)), prior, model)
-    moved = np.array(drifting.p_ne_m) - np.array(still.p_ne_m)
-    expected = np.array(still.by_drift)[:, :2] @ drift_mps
-    assert np.hypot(*expected) > 0.3
-    assert np.hypot(*(moved - expected)) < 0.2 + 0.35 * np.hypot(*expected)  # the refinement stops within 0.2 m
+    """In the mean over grounds: a drift of 6 m moves soundings into other cells, of which others are kept, on each by 0.7 m."""
+    off, expected = [], []
+    for seed in range(1, 7):
+        ground = world.waves(30, seed=seed)
+        model, prior = world.elevation(ground), world.prior()
+        still = accepted(world.profile(ground), prior, model)
+        drifting = accepted(world.profile(ground, drift_mps=tuple(-v for v in drift_mps)), prior, model)
+        expected.append(np.array(still.by_drift)[:, :2] @ drift_mps)
+        off.append(np.array(drifting.p_ne_m) - np.array(still.p_ne_m) - expected[-1])
+        assert np.hypot(*expected[-1]) > 0.3
+    size_m = np.hypot(*np.transpose(expected))
+    assert np.hypot(*np.mean(off, 0)) < 0.2 + 0.2 * size_m.mean()  # the refinement stops within 0.2 m
+    assert (np.hypot(*np.transpose(off)) < 0.2 + 0.4 * size_m).all()
 
 
 def noisy_patch(world: SimpleNamespace, ground: object, seed: int) -> Soundings:
