@@ -10,6 +10,7 @@ behind that it could not come back within a few turns.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,13 @@ LATE_S: FloatArray = np.linspace(-LONG_AGO_S, REACH_S, round((LONG_AGO_S + REACH
 """Offsets among which frames are looked for that come through a network's buffers."""
 FITS_SIGMAS, RECENT = 4.0, 20
 """A turn fits an offset within so many sigmas; so many turns tell which share of them does."""
+NOISE_MARGIN = 60.0
+"""By so many times the variance of an attitude's noise a turn counts for less: the noise is another one at each offset, and what
+n turns say by chance for one offset before another grows as the root of n."""
+NOISE_EVERY, NOISES_KEPT = 4, 10
+"""Of so many turns one measures that noise; so many tell its median."""
+THIRD_DIFFERENCE, MEDIAN_OF_NORMAL = 20.0, 0.6745
+"""Variance of 1, -3, 3, -1 times independent noise; median of its size over its 1-sigma."""
 MAX_GAP_NS = 150_000_000
 """Between attitudes further apart than this nothing is known."""
 
@@ -60,6 +68,7 @@ class TimeOffset:
         self._offsets_s = offsets_s
         self._earliest_ns = round((STEP_S - float(offsets_s[0])) * 1e9)
         self._score, self._fits, self._n = np.zeros(len(offsets_s)), np.zeros(len(offsets_s)), 0
+        self._noises_rad2: deque[float] = deque(maxlen=NOISES_KEPT)
         self._t_ns: int | None = None
 
     def add(
@@ -83,17 +92,21 @@ class TimeOffset:
             (stamps_boot_ns[1] - stamps_boot_ns[0]) * 1e-9,
         )
         offsets_s = self._offsets_s
-        start, end = _at(t_s, q, offsets_s), _at(t_s, q, np.asarray(offsets_s + apart_s, dtype=np.float64))
+        start, of_start = _at(t_s, q, offsets_s)
+        end, of_end = _at(t_s, q, np.asarray(offsets_s + apart_s, dtype=np.float64))
+        if self._n % NOISE_EVERY == 0:
+            self._noises_rad2.append(noise_rad2(t_s, q))
+        noise = float(np.median(self._noises_rad2))
         r = _difference(
             start, end, se3.quat_multiply(se3.quat_multiply(q_frd_cambody, turn.q_from_to), se3.quat_inverse(q_frd_cambody))
         )
         peak = min(max(int(np.argmax(self._score)), 1), len(offsets_s) - 2)
         rate2 = sum(float(((at[peak + 1] - at[peak - 1]) ** 2).sum()) for at in (start, end)) / STEP_S**2
         angle = se3.angle_between(turn.q_from_to, (1.0, 0.0, 0.0, 0.0))
-        own = ATTITUDE_SIGMA_RAD**2 + (MOUNT_SIGMA_RAD * angle) ** 2 + sigma_s**2 * rate2
+        own = ATTITUDE_SIGMA_RAD**2 + NOISE_MARGIN * noise + (MOUNT_SIGMA_RAD * angle) ** 2 + sigma_s**2 * rate2
         R = se3.R_from_quat(q_frd_cambody)
         information = np.linalg.inv(R @ np.array(turn.cov_rad2) @ R.T + own * np.eye(3))
-        size2 = ((r @ information) * r).sum(1)
+        size2 = ((r @ information) * r).sum(1) + np.trace(information) * noise * (2 - of_start - of_end)
         self._forget(turn.t_to_ns)
         self._score += log_likelihood(size2)
         self._score -= self._score.max()
@@ -129,15 +142,26 @@ def log_likelihood(size2: FloatArray) -> FloatArray:
     return np.asarray(-WEIGHT * (DEGREES + 3) / 2 * np.log1p(size2 / DEGREES))
 
 
-def _at(t_s: FloatArray, q: FloatArray, wanted_s: FloatArray) -> FloatArray:
-    """(M, 4) unit quaternions at times, linear between samples."""
+def noise_rad2(t_s: FloatArray, q: FloatArray) -> float:
+    """Variance on each axis of what attitudes (N, 4) at times (N,) err by anew in each sample: by the third differences of turns
+    about the body's axes, which a vehicle's own motion hardly shows; zero of fewer than five."""
+    if len(q) < 5:
+        return 0.0
+    dt_s = np.diff(t_s)
+    turned = _difference(q[:-1], q[1:], (1.0, 0.0, 0.0, 0.0)) * (dt_s.mean() / dt_s)[:, None]
+    third = np.abs(np.diff(turned, n=2, axis=0))
+    return float(np.square(np.median(third, axis=0) / MEDIAN_OF_NORMAL).mean() / THIRD_DIFFERENCE)
+
+
+def _at(t_s: FloatArray, q: FloatArray, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(M, 4) unit quaternions at times, linear between samples, and how much of a sample's variance they have (M,)."""
     k = np.minimum(np.maximum(t_s.searchsorted(wanted_s) - 1, 0), len(t_s) - 2)
     before_s = t_s.take(k)
     share = ((wanted_s - before_s) / (t_s.take(k + 1) - before_s))[:, None]
     found: FloatArray = q.take(k, 0) * (1 - share)
     found += q.take(k + 1, 0) * share
     found /= np.sqrt(np.add.reduce(found * found, 1))[:, None]
-    return found
+    return found, np.asarray((1 - share[:, 0]) ** 2 + share[:, 0] ** 2)
 
 
 def _difference(start: FloatArray, end: FloatArray, turn: Quat) -> FloatArray:

@@ -34,8 +34,9 @@ def seen(
     seed: int = 1,
     offset: TimeOffset | None = None,
     start_s: float = 10.0,
+    attitude_noise_rad: float = 0.0,
 ) -> TimeOffset:
-    """Turns of frames that were taken `offset_s` after their stamps."""
+    """Turns of frames that were taken `offset_s` after their stamps; `attitude_noise_rad` is new in each attitude."""
     rng = np.random.default_rng(seed)
     draw = Random(seed)
     offset = offset or TimeOffset()
@@ -44,7 +45,9 @@ def seen(
     for k in range(round(seconds / 0.25)):
         stamps = start_s + 0.25 * k, start_s + 0.25 * (k + 1)
         while sent_s < stamps[1] + 1:
-            attitude.add(round(sent_s * S), attitude_at(sent_s, rocking_rad), (0.0, 0.0, 0.0))
+            x, y, z = (rng.normal(0, attitude_noise_rad, 3) / 2).tolist() if attitude_noise_rad else (0.0, 0.0, 0.0)
+            told = se3.quat_multiply(attitude_at(sent_s, rocking_rad), se3.normalised((1.0, x, y, z)))
+            attitude.add(round(sent_s * S), told, (0.0, 0.0, 0.0))
             sent_s += 0.02
         a, b = (se3.quat_multiply(attitude_at(t + offset_s, rocking_rad), mount) for t in stamps)
         noise = rng.normal(0, SIGMA if draw.random() >= wrong_share else math.radians(5), 3) / 2
@@ -65,6 +68,23 @@ def test_it_is_found_within_its_sigma(offset_s: float) -> None:
 def test_sigmas_are_honest() -> None:
     ratios = [(b.offset_s + 0.1) / b.sigma_s for b in (seen(-0.1, 0.01, 20.0, seed=k).best() for k in range(12))]
     assert 0.3 < float(np.sqrt(np.mean(np.square(ratios)))) < 1.5
+
+
+@pytest.mark.parametrize("rocking_rad", [0.005, 0.02])
+@pytest.mark.parametrize("seconds", [30.0, 120.0])
+def test_what_attitudes_err_by_anew_in_each_sample_shows_no_offset(rocking_rad: float, seconds: float) -> None:
+    ratios = []
+    for seed in range(4):
+        noise_rad = math.radians(0.1)
+        best = seen(0.0, rocking_rad, seconds, seed=seed, attitude_noise_rad=noise_rad).best()
+        ratios.append(best.offset_s / best.sigma_s)
+    assert float(np.max(np.abs(ratios))) < 2.0
+
+
+def test_it_is_found_beside_noise_by_a_vehicle_that_rocks_enough() -> None:
+    best = seen(-0.1, 0.04, 120.0, attitude_noise_rad=math.radians(0.05)).best()
+    assert best.sigma_s < 0.01
+    assert abs(best.offset_s + 0.1) < 0.01
 
 
 def test_it_is_found_with_a_camera_that_looks_ahead_and_with_wrong_turns() -> None:
