@@ -186,7 +186,8 @@ def _dataclass_decoder(kind: Any) -> _Convert:
 
 def _stays_as_read(hint: Any, read: type) -> bool:
     """Whether json gives nothing of this type that a field of the annotated type cannot hold as it is: of a float it may."""
-    return read in _STAY and read in (get_args(hint) or (hint,))
+    may_be = (hint,) if get_origin(hint) is tuple else get_args(hint) or (hint,)
+    return read in _STAY and read in may_be
 
 
 def _float_tuple_decoder(one_by_one: _Convert, n: int) -> _Convert:

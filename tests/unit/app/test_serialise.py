@@ -17,7 +17,20 @@ from hypothesis import strategies as st
 from visloc_companion import types
 from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, TYPES, from_dict, from_json, json_schema, to_json
 from visloc_companion.errors import JournalError
-from visloc_companion.types import Attitude, GeoPoint, Gnss, Injection, Notice, OriginChanged, PosePrior, Severity, Tick
+from visloc_companion.types import (
+    Attitude,
+    GeoPoint,
+    Gnss,
+    Injection,
+    Mode,
+    Notice,
+    OriginChanged,
+    PosePrior,
+    Severity,
+    Status,
+    Tick,
+    Verdict,
+)
 
 
 def strategy(hint: Any) -> st.SearchStrategy[Any]:
@@ -124,6 +137,13 @@ def test_what_a_field_holds_is_judged_the_same_whatever_the_order_of_fields(name
         assert judged(dict(written)) == judged(dict([kind, *others[moved:], *others[:moved]]))
 
     check()
+
+
+def test_a_text_is_no_array_of_texts() -> None:
+    status = Status(1, Mode.LOST, Verdict.OK, (), None, (0.0, 0.0, 0.0), ((1.0, 0.0), (0.0, 1.0)), 1.0, None, None, False, 0)
+    written = json.loads(to_json(status))
+    with pytest.raises(JournalError, match="'jam' is not an array"):
+        from_dict({**written, "reasons": "jam"})
 
 
 def test_a_field_that_came_later_takes_its_default() -> None:
