@@ -102,6 +102,13 @@ class _Seen(NamedTuple):
     H: FloatArray
     R: FloatArray
 
+    def learnt(self, turn_ne_rad: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Mean and covariance with the tilt (2,) that the fix saw; None where that is beyond the gate."""
+        x, P, H, R = self
+        nu, S = turn_ne_rad - H @ x, H @ P @ H.T + R
+        nis = float(nu @ np.linalg.solve(S, nu))
+        return None if nis > GATE_SIGMA**2 else _learnt(x, P, H, nu, R + _unexpected(nis, S))
+
 
 class TiltMemory:
     """`known` is for the next request's prior; the others learn. `sigma_rad`: 1-sigma of mounting and attitude together."""
@@ -149,14 +156,11 @@ class TiltMemory:
         asked = self._asked.get(fix.request_id)
         if asked is None or fix.tilt is None or height_m <= 0:
             return NOTHING_TOLD
-        x, P, H, R = self._seen(fix, fix.tilt, asked.H, v_ne_mps, height_m)
+        before = self._seen(fix, fix.tilt, asked.H, v_ne_mps, height_m)
         seen, blocks = np.array(fix.tilt.turn_ne_rad), np.array(fix.tilt.cov_rad2)
         kept = blocks @ np.linalg.inv(asked.told_rad2 * UNIT + blocks)  # of what was told; the rest is the picture's
-        errs_rad2, (north, east) = _by_localiser(P, H, R, kept), (0.0, 0.0)
-        nu, S = seen - H @ x, H @ P @ H.T + R
-        nis = float(nu @ np.linalg.solve(S, nu))
-        if nis <= GATE_SIGMA**2:
-            x, P = _learnt(x, P, H, nu, R + _unexpected(nis, S))
+        errs_rad2, (north, east) = _by_localiser(before.P, before.H, before.R, kept), (0.0, 0.0)
+        x, P = before.learnt(seen) or (before.x, before.P)
         if float(np.linalg.eigvalsh(blocks)[0]) >= LAND_RAD**2:  # whoever knows the surface sees more of a tilt, and errs anew
             north, east = (asked.H @ x[TILT] - kept @ asked.turn_ne_rad - (UNIT - kept) @ seen).tolist()
             errs_rad2 = asked.H @ P[TILT, TILT] @ asked.H.T
@@ -248,29 +252,22 @@ class TiltMemory:
         y, R = gained - H @ self._x, OF_ONE_FRAME * cov
         if math.hypot(*y) <= MOST_STEP_RAD:
             S = H @ self._P @ H.T + R
-            self._learn(H, y, R + _unexpected(float(y @ np.linalg.solve(S, y)), S))
-
-    def _learn(self, H: FloatArray, y: FloatArray, R: FloatArray) -> None:
-        """One update by an innovation (2,) of H (2, 10) with the covariance R (2, 2)."""
-        self._x, self._P = _learnt(self._x, self._P, H, y, R)
+            R = R + _unexpected(float(y @ np.linalg.solve(S, y)), S)
+            self._x, self._P = _learnt(self._x, self._P, H, y, R)
 
     def taken(self, fix: Fix, v_ne_mps: Vec2, height_m: float) -> None:
         """Learn from a fix that the filter took, at a velocity and a height above the ground."""
         asked = self._asked.pop(fix.request_id, None)
         if asked is None or fix.tilt is None or fix.probability_wrong > SURE or height_m <= 0:
             return
-        x, P, H, R = self._seen(fix, fix.tilt, asked.H, v_ne_mps, height_m)
-        nu = np.array(fix.tilt.turn_ne_rad) - H @ x
-        S = H @ P @ H.T + R
-        nis = float(nu @ np.linalg.solve(S, nu))
-        if nis > GATE_SIGMA**2:
+        learnt = self._seen(fix, fix.tilt, asked.H, v_ne_mps, height_m).learnt(np.array(fix.tilt.turn_ne_rad))
+        if learnt is None:
             self._gated += 1
             if self._gated >= GATED_IN_A_ROW:
                 self._begin()
             return
         self._gated = 0
-        self._x, self._P = x, P
-        self._learn(H, nu, R + _unexpected(nis, S))
+        self._x, self._P = learnt
         self._fix_ns = fix.t_ns if self._fix_ns is None else max(self._fix_ns, fix.t_ns)
         self._t_ns = fix.t_ns if self._t_ns is None else max(self._t_ns, fix.t_ns)
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 
@@ -96,7 +97,7 @@ class TimeOffset:
         end, of_end = _at(t_s, q, np.asarray(offsets_s + apart_s, dtype=np.float64))
         if self._n % NOISE_EVERY == 0:
             self._noises_rad2.append(noise_rad2(t_s, q))
-        noise = float(np.median(self._noises_rad2))
+        noise = median(self._noises_rad2)
         r = _difference(
             start, end, se3.quat_multiply(se3.quat_multiply(q_frd_cambody, turn.q_from_to), se3.quat_inverse(q_frd_cambody))
         )

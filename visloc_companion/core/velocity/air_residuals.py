@@ -27,7 +27,11 @@ class Residuals:
 
     def since_s(self, t_ns: int) -> float:
         """Seconds since the last one, as far as they are counted."""
-        return 0.0 if self._last is None else min(LONGEST_GAP_S, max(0.0, (t_ns - self._last[0]) * 1e-9))
+        return min(LONGEST_GAP_S, self.age_s(t_ns))
+
+    def age_s(self, t_ns: int) -> float:
+        """Seconds since the last one; zero before the first."""
+        return 0.0 if self._last is None else max(0.0, (t_ns - self._last[0]) * 1e-9)
 
     def take(self, t_ns: int, residual: FloatArray, expected: float) -> None:
         """A residual (2,); `expected`: the part of its mean square that is no noise of its own."""

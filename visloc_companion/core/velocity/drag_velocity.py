@@ -84,7 +84,6 @@ class _Hypothesis:
         self._residuals = Residuals(START_NOISE_MPS2, LEAST_NOISE_MPS2)
         self.gated = 0
         self._J: tuple[int, FloatArray] | None = None
-        self._learned_ns: int | None = None
 
     @property
     def n(self) -> int:
@@ -98,7 +97,7 @@ class _Hypothesis:
     def learn(self, felt: Felt, v_ned_mps: Vec3, cov_ne_m2ps2: FloatArray) -> None:
         """Take the force of a second, and the velocity of that second with the covariance of its error (2, 2)."""
         self._J = None
-        P = self._P + np.diag(WALK_PER_SQRT_S**2 * self._residuals.since_s(felt.t_boot_ns))
+        P = self._later(self._residuals.since_s(felt.t_boot_ns))
         H = by_state(self._x, felt.axes_ned, v_ned_mps)
         residual = felt.force_mps2 - force_mps2(self._x, felt.axes_ned, v_ned_mps)
         slope = by_velocity(self._x, felt.axes_ned, v_ned_mps)
@@ -112,13 +111,11 @@ class _Hypothesis:
         self.gated = 0
         self.log_likelihood -= (got.nis + math.log(float(np.linalg.det(H @ P @ H.T + R)))) / 2
         self._residuals.take(felt.t_boot_ns, residual, float(np.trace(H @ P @ H.T + of_velocity)) / 2)
-        self._x, self._P, self._learned_ns = got.x, got.P, felt.t_boot_ns
+        self._x, self._P = got.x, got.P
 
-    def _later(self, t_boot_ns: int) -> FloatArray:
-        """The covariance (6, 6) at a time after something was learned last."""
-        if self._learned_ns is None:
-            return self._P
-        return np.asarray(self._P + np.diag(WALK_PER_SQRT_S**2 * max(0.0, (t_boot_ns - self._learned_ns) * 1e-9)))
+    def _later(self, dt_s: float) -> FloatArray:
+        """The covariance (6, 6) after a while in which nothing was learned."""
+        return np.asarray(self._P + np.diag(WALK_PER_SQRT_S**2 * dt_s))
 
     @property
     def known(self) -> bool:
@@ -137,7 +134,7 @@ class _Hypothesis:
         at = (*found, v_ned_mps[2])
         by_force = np.linalg.inv(by_velocity(self._x, felt.axes_ned, at))
         J = -by_force @ by_state(self._x, felt.axes_ned, at)
-        P = self._later(felt.t_boot_ns)
+        P = self._later(self._residuals.age_s(felt.t_boot_ns))
         before, self._J = self._J, (felt.t_boot_ns, J)
         doubt = None
         if before is not None:
