@@ -29,7 +29,7 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from visloc_companion.app.journal_header import OTHER_VERSION, JournalHeader, header_of
+from visloc_companion.app.journal_header import OTHER_VERSION, JournalHeader, header_of, require_own
 from visloc_companion.app.salvage import OnDamage, Record, read_records
 from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, from_dict, json_schema, to_json
 from visloc_companion.errors import JournalError, fault_text
@@ -47,6 +47,7 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 """Tells a frame whose channel was described in a chunk that was lost."""
 _parse = json.JSONDecoder().raw_decode
 _HEADER, _MAVLINK_IN, _MAVLINK_OUT, _NOTICE, _FRAME = "/header", "/mavlink/in", "/mavlink/out", "/shell/Notice", "/camera/png"
+_OF_TYPES = ("/event/", "/command/")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ def read_journal(
     Without `commands` these are passed over unread: a replay gives its own. With `shell` the shell's own notices come among the
     commands. Raises JournalError for a file that is no journal.
     """
-    topics: tuple[str, ...] = ("/event/", "/command/") if commands else ("/event/",)
+    topics: tuple[str, ...] = _OF_TYPES if commands else _OF_TYPES[:1]
     topics = (*topics, _NOTICE) if shell else topics
     expected: int | None = None
     for record in _records(path, salvage, on_damage):
@@ -89,9 +90,12 @@ def read_journal(
 
 def read_header(path: Path) -> JournalHeader:
     """The first record. Raises JournalError where there is none."""
+    topics: set[str | None] = set()
     for record in _records(path, True, None):
         if record.topic == _HEADER:
             return header_of(_parsed(record, path), path)
+        topics.add(record.topic)
+    require_own(topics, path)
     remedy = "it was cut in its first second, or damaged there: give the flight's configuration with --salvage --config FILE"
     raise JournalError("holds no header", where=str(path), remedy=remedy)
 
@@ -101,8 +105,10 @@ def header_left(path: Path) -> JournalHeader:
     try:
         return read_header(path)
     except JournalError:
-        if next(_records(path, True, None), None) is None:
+        topics = {record.topic for record in _records(path, True, None)}
+        if not topics:
             raise
+        require_own(topics, path)
         return JournalHeader({})
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ from typing import Any
 from visloc_companion.errors import JournalError
 
 OTHER_VERSION = "read it with the version of visloc that wrote it"
+_OWN = ("/header", "/event/", "/command/", "/mavlink/", "/shell/Notice", "/camera/png")
+"""What a journal's topics begin with."""
 _KINDS = {"configuration": dict, "versions": dict, "map_manifest_sha256": str, "map_signed_by": str}
 
 
@@ -40,6 +43,20 @@ def header_of(data: Any, path: Path) -> JournalHeader:
     if wrong := ", ".join(f"{what}: {', '.join(found)}" for what, found in told.items() if found):
         raise _unreadable(wrong, path)
     return JournalHeader(**data)
+
+
+def require_own(topics: Set[str | None], path: Path) -> None:
+    """Refuse an MCAP file all of whose topics are known (None is one that is not) and none of them a journal's: robots record in
+    that format, too. Raises JournalError."""
+    named = sorted(topic for topic in topics if topic is not None)
+    if len(named) < len(topics) or not named or any(topic.startswith(_OWN) for topic in named):
+        return
+    others = f" and {len(named) - 1} more" if len(named) > 1 else ""
+    raise JournalError(
+        f"is an MCAP file of another program: it holds the topic {named[0]}{others}",
+        where=str(path),
+        remedy="name a journal that visloc wrote, or the autopilot's own log (.tlog, .bin, .ulg)",
+    )
 
 
 def _unreadable(wrong: str, path: Path) -> JournalError:

@@ -2,7 +2,8 @@
 
 The library's readers stop at the first damage and check no chunk unless asked. This one walks the records in file order,
 checks every chunk's CRC, and after damage searches for the next whole chunk, so a killed writer costs the last chunk and a
-flipped byte costs one. Of two journals that were joined the first is read: the second's times are of another boot. Format: https://mcap.dev/spec.
+flipped byte costs one. Of two journals that were joined the first is read: the second's times are of another boot. A journal
+that MCAP's own tools wrote anew may have chunks that are not compressed, or by LZ4. Format: https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from io import BytesIO
 from mmap import mmap
 from typing import NamedTuple
 
+import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -30,7 +32,9 @@ _CHUNK = struct.Struct("<QQQI")
 _MESSAGE = struct.Struct("<HIQ8x")
 """Channel, sequence and time of the record; the time of publication is left out."""
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
-_MARK = struct.pack("<I", 4) + b"zstd"
+_LENGTH = struct.Struct("<I")
+_ZSTD = b"zstd"
+_MARK = _LENGTH.pack(len(_ZSTD)) + _ZSTD
 """The compression field of every chunk that the journal writes; the search for the next chunk looks for it."""
 _MARK_OFFSET = _RECORD.size + _CHUNK.size
 _MAX_CHUNK_BYTES = 512 * 2**20
@@ -39,6 +43,14 @@ _FOOTER_BYTES = 20
 
 _SOMETHING = re.compile(rb"[^\0]")
 OnDamage = Callable[[str], None]
+
+
+_DECOMPRESS: dict[bytes, Callable[[bytes, int], bytes]] = {
+    _ZSTD: lambda body, size: zstandard.ZstdDecompressor().decompress(body),
+    b"lz4": lambda body, size: bytes(lz4.frame.LZ4FrameDecompressor().decompress(body, max_length=size)),
+    b"": lambda body, size: body,
+}
+"""By the name that a chunk states, of its body and the size that it is to have."""
 
 
 class Record(NamedTuple):
@@ -120,19 +132,21 @@ def _chunk(payload: bytes, topics: dict[int, str]) -> Iterator[Record]:
             elif opcode == Opcode.CHANNEL:
                 channel = Channel.read(ReadDataStream(BytesIO(records[begin:at])))
                 topics[channel.id] = channel.topic
-    except (McapError, struct.error, ValueError, zstandard.ZstdError, MemoryError) as why:
+    except (McapError, struct.error, ValueError, RuntimeError, zstandard.ZstdError, MemoryError) as why:
         raise _DamageError(f"a chunk is damaged ({why})") from why
 
 
 def _decompressed(payload: bytes) -> bytes:
     """Uncompressed records of a chunk, its CRC checked."""
-    size, crc = _CHUNK.unpack_from(payload)[2:]
-    body = payload[_CHUNK.size + len(_MARK) + 8 :]
-    if payload[_CHUNK.size : _CHUNK.size + len(_MARK)] != _MARK:
-        raise ValueError("compression is not zstd")
-    if size > _MAX_CHUNK_BYTES or zstandard.frame_content_size(body) != size:
+    size, crc, n_name = _CHUNK.unpack_from(payload)[2:] + _LENGTH.unpack_from(payload, _CHUNK.size)
+    name, body = payload[_CHUNK.size + 4 : _CHUNK.size + 4 + n_name], payload[_CHUNK.size + 4 + n_name + 8 :]
+    if name not in _DECOMPRESS:
+        raise ValueError("its compression is unknown")
+    if size > _MAX_CHUNK_BYTES or (name == _ZSTD and zstandard.frame_content_size(body) != size):
         raise ValueError("its size is wrong")
-    data = zstandard.ZstdDecompressor().decompress(body)
+    data = _DECOMPRESS[name](body, size)
+    if len(data) != size:
+        raise ValueError("its size is wrong")
     if zlib.crc32(data) != crc:
         raise ValueError("its CRC is wrong")
     return data
