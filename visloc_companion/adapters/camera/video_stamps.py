@@ -21,9 +21,27 @@ def is_raw(video: Path) -> bool:
 
 
 def frame_count(video: Path, expected: int) -> int:
-    """How many frames it has: counted where what it states is not what is expected."""
-    stated = round(cv2.VideoCapture(str(video)).get(cv2.CAP_PROP_FRAME_COUNT))
-    return expected if stated == expected else len(stamps_us(video)[0])
+    """How many frames it shows: counted, which takes decoding it, unless it states as many as are expected, holds as many and
+    ends with the last of these.
+
+    An AVI states frames, too, that were dropped while it was recorded, and what was cut without being encoded anew those that lie
+    before its beginning and are not shown.
+    """
+    capture = cv2.VideoCapture(str(video))
+    stated = round(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    capture.set(cv2.CAP_PROP_POS_FRAMES, expected - 1)
+    ends_there = capture.grab() and not capture.grab()
+    capture.release()
+    return expected if stated == _packets(video) == expected and ends_there else len(stamps_us(video)[0])
+
+
+def _packets(video: Path) -> int:
+    """How many pieces, of a frame each in most formats, its stream has."""
+    stream, number = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1]), 0
+    while stream.grab():
+        number += 1
+    stream.release()
+    return number
 
 
 def stamps_us(video: Path) -> tuple[list[int], float]:
