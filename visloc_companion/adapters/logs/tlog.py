@@ -187,7 +187,7 @@ def records_of(data: LogBytes, losses: Losses) -> Iterator[Record]:
 def _record_at(data: LogBytes, at: int, parser: Any) -> tuple[Record | None, int]:
     """The record at a place and its length; (None, 0) where there is none."""
     start = at + _STAMP
-    length = _packet_length(data, start)
+    length = packet_length(data, start)
     if length == 0 or start + length > len(data) or not _plausible_stamp(data, at):
         return None, 0
     try:
@@ -212,7 +212,7 @@ def _addressed(data: LogBytes, start: int) -> tuple[_Source, int]:
     return (data[start + 5], data[start + 6]), int.from_bytes(data[start + 7 : start + 10], "little")
 
 
-def _packet_length(data: LogBytes, start: int) -> int:
+def packet_length(data: LogBytes, start: int) -> int:
     """Length of the packet at a start byte, from its header; 0 where none starts."""
     if start + 3 > len(data):
         return 0
