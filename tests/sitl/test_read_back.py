@@ -29,7 +29,9 @@ def meant_sigmas_m(folder: Path) -> dict[int, float]:
 def believed_sigmas_m(folder: Path) -> dict[int, float]:
     """VISP.PErr by the same stamp."""
     (log,) = (folder / "logs").glob("*.BIN")
-    return {int(visp["RTimeUS"]): float(visp["PErr"]) for _, visp in messages(log.read_bytes(), frozenset(("VISP",)), Losses())}
+    data = log.read_bytes()
+    read = messages(data, frozenset(("VISP",)), Losses(), 0, len(data), {})
+    return {int(visp["RTimeUS"]): float(visp["PErr"]) for _, visp in read}
 
 
 def test_ardupilot_believes_the_sigma_that_was_meant(fly, tmp_path: Path) -> None:

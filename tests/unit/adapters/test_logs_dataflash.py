@@ -207,6 +207,28 @@ def test_one_of_several_boots_is_read_and_the_others_are_named(tmp_path: Path, c
     assert recording.notes == (f"The log holds 3 boots of the autopilot (1 of 4 s, 2 of 9 s, 3 of 3 s); {read}",)
 
 
+@pytest.mark.parametrize("n_before", [3, len(MODERN)])
+def test_the_format_of_formats_need_not_be_the_first(tmp_path: Path, n_before: int) -> None:
+    """Programs that write a log anew put the formats in an order of their own; what lay before it counted as a log of itself."""
+    items, data = list(MODERN.items()), modern_flight()
+    of_formats = HEAD + b"\x80" + struct.pack("<BB4s16s64s", 0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+    in_order = formats(dict(items[:n_before])) + of_formats + formats(dict(items[n_before:]))
+    anew = open_log(write(tmp_path / "a.bin", in_order + data[len(formats(MODERN)) :]))
+    assert anew.events == open_log(write(tmp_path / "b.bin", data)).events
+    assert not any(anew.losses.as_dict().values())
+
+
+def test_formats_of_one_log_are_not_those_of_the_next(tmp_path: Path) -> None:
+    """It may be of another version, in which the same number is another message."""
+    of_formats = HEAD + b"\x80" + struct.pack("<BB4s16s64s", 0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+    no_attitude = {name: item for name, item in MODERN.items() if name != "ATT"}
+    data = modern_flight()
+    both = of_formats + data + of_formats + formats(no_attitude) + data[len(formats(MODERN)) :]
+    recording = open_log(write(tmp_path / "a.bin", both), boot=2)
+    assert any(isinstance(event, Gnss) for _, event in recording.events)
+    assert not any(isinstance(event, Attitude) for _, event in recording.events)
+
+
 def test_a_boot_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"holds no boot 3 of the autopilot; remedy: name one of 1 to 2$"):
         open_log(write(tmp_path / "a.bin", boot(40, 1.0) + boot(90, 2.0)), boot=3)

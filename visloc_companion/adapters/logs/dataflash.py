@@ -15,7 +15,7 @@ from pathlib import Path
 
 from visloc_companion.adapters.logs.attitude_rates import rates_between
 from visloc_companion.adapters.logs.boots import chosen_boot, logs_of, put_together
-from visloc_companion.adapters.logs.dataflash_format import BEGINNING, Fields, messages
+from visloc_companion.adapters.logs.dataflash_format import BEGINNING, Fields, Formats, messages
 from visloc_companion.adapters.logs.dataflash_times import LEAP_US, stated_time_us, without_belied
 from visloc_companion.adapters.logs.gnss_times import Told, gnss_times, unix_minus_boot_ns
 from visloc_companion.adapters.logs.lone_leaps import without_lone_leaps
@@ -97,10 +97,11 @@ def read_dataflash(path: Path, boot: int = 0) -> Recording:
 
 def _boots(data: LogBytes, losses: Losses) -> list[_Reader]:
     """One reader for each boot."""
+    formats: Formats = {}
 
     def read(log: tuple[int, int]) -> _Reader:
         reader = _Reader(losses)
-        for name, fields in without_belied(messages(data, _WANTED, losses, *log), losses):
+        for name, fields in without_belied(messages(data, _WANTED, losses, *log, formats), losses):
             reader.take(name, fields)
         return reader
 

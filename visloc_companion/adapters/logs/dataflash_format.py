@@ -30,14 +30,21 @@ class _Format:
     multipliers: tuple[float | None, ...]
 
 
-def messages(data: LogBytes, wanted: Collection[str], losses: Losses, begin: int, stop: int) -> Iterator[tuple[str, Fields]]:
+Formats = dict[int, _Format]
+"""By the number that messages bear."""
+
+
+def messages(
+    data: LogBytes, wanted: Collection[str], losses: Losses, begin: int, stop: int, formats: Formats
+) -> Iterator[tuple[str, Fields]]:
     """Names and fields (in the units of the log's multipliers) of the wanted messages, in the order of the file; of the log that
     lies from byte `begin` to `stop`.
 
-    Bytes that are no message are skipped and counted. Never raises for what the bytes may hold.
+    `formats` are those known before, and get what it defines: that of the formats themselves need not be the first of a log. They
+    end with a log that holds messages, for the next one may be of another version. Bytes that are no message are skipped and
+    counted. Never raises for what the bytes may hold.
     """
-    formats: dict[int, _Format] = {}
-    at = begin
+    at, has_messages = begin, False
     while (start := data.find(_HEAD, at, stop)) >= 0:
         _count_garbage(losses, start - at)
         length = _length_at(data, start, stop, formats)
@@ -50,10 +57,14 @@ def messages(data: LogBytes, wanted: Collection[str], losses: Losses, begin: int
         kind, body = data[start + 2], data[start + 3 : start + length]
         if kind == _FMT_TYPE:
             _learn(formats, body)
-        elif formats[kind].name in wanted:
-            yield formats[kind].name, _fields(formats[kind], body)
+        else:
+            has_messages = True
+            if formats[kind].name in wanted:
+                yield formats[kind].name, _fields(formats[kind], body)
         at = start + length
     _count_garbage(losses, stop - at)
+    if has_messages:
+        formats.clear()
 
 
 def _count_garbage(losses: Losses, n_bytes: int) -> None:
@@ -62,7 +73,7 @@ def _count_garbage(losses: Losses, n_bytes: int) -> None:
         losses.garbage_bytes += n_bytes
 
 
-def _length_at(data: LogBytes, start: int, stop: int, formats: dict[int, _Format]) -> int:
+def _length_at(data: LogBytes, start: int, stop: int, formats: Formats) -> int:
     if start + 3 > stop:
         return 0
     kind = data[start + 2]
@@ -83,7 +94,7 @@ def _followed(data: LogBytes, end: int, stop: int) -> bool:
     return end < stop and data[end - 1] != 0 and not any(following)
 
 
-def _learn(formats: dict[int, _Format], body: bytes) -> None:
+def _learn(formats: Formats, body: bytes) -> None:
     from pymavlink.DFReader import FORMAT_TO_STRUCT
 
     kind, length, name, layout, columns = _FMT.unpack(body)
