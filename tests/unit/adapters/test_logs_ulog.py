@@ -146,6 +146,13 @@ def test_truncation_and_garbage(tmp_path: Path) -> None:
         open_log(write(tmp_path / "d.ulg", header()))
 
 
+def test_what_px4_could_not_log_in_time_is_told_as_that(tmp_path: Path) -> None:
+    """It counted as pieces of garbage, however long it lasted."""
+    dropouts = [block(b"O", struct.pack("<H", ms)) for ms in (120, 900)]
+    recording = open_log(write(tmp_path / "a.ulg", header() + b"".join(dropouts) + flight()[len(header()) :]))
+    assert {name: n for name, n in recording.losses.as_dict().items() if n} == {"dropouts": 2, "dropouts_ms": 1020}
+
+
 def test_a_tail_of_zeros_takes_no_time(tmp_path: Path) -> None:
     """As a loss of power leaves it: 4 MB took 13 s, each byte being tried for a message."""
     whole = flight()

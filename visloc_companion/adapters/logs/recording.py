@@ -43,7 +43,8 @@ _MOVED_M = 20.0
 
 @dataclass(slots=True)
 class Losses:
-    """What could not be used: pieces and bytes of garbage, messages without meaning, and jumps of the clocks."""
+    """What could not be used: pieces and bytes of garbage, messages without meaning, and jumps of the clocks; and what the
+    autopilot says that it could not log in time (`dropouts`, and how long they lasted together)."""
 
     garbage_pieces: int = 0
     garbage_bytes: int = 0
@@ -53,6 +54,8 @@ class Losses:
     foreign_messages: int = 0
     clock_steps: int = 0
     reboots: int = 0
+    dropouts: int = 0
+    dropouts_ms: int = 0
     truncated: bool = False
 
     def as_dict(self) -> dict[str, int]:

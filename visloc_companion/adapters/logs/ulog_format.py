@@ -37,7 +37,7 @@ _LONG_BYTES, _FOLLOWING = 2048, 5
 _MOST_NUMBERS = 4096
 """Logs number their subscriptions from 0 and have some hundreds."""
 _HEAD, _NUMBER = struct.Struct("<HB"), struct.Struct("<H")
-"""A message's size and type; a subscription's number, or a size alone."""
+"""A message's size and type; a subscription's number, a size alone, or a dropout's milliseconds."""
 _DATA = ord("D")
 _FIELD = re.compile(r"^(\w+?)(?:\[(\d+)\])? (\w+)$")
 Row = Mapping[str, Any]
@@ -132,7 +132,8 @@ def read_instances(data: LogBytes, wanted: Collection[str], losses: Losses) -> d
         elif kind == _DATA and size > 2:
             _take(body, formats, subscribed, wanted, found, losses)
         elif kind == ord("O"):
-            losses.garbage_pieces += 1
+            losses.dropouts += 1
+            losses.dropouts_ms += _NUMBER.unpack(body)[0]
         at = end
     topics: dict[str, Instances] = {}
     for (instance, name), rows in found.items():
