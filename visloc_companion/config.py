@@ -120,7 +120,8 @@ class WorkerConfig(Section):
     """A localisation that computes for longer is killed and the worker restarted; one that waits for a core may last six times
     as long."""
     max_restarts: Annotated[int, Field(ge=1)] = 3
-    """After more restarts than this within 60 s the next tries come a minute apart."""
+    """After more restarts than this within 60 s the operator is told, and the next tries come a minute apart; where the map could
+    not be opened 1 s, 2 s, 4 s and so on."""
     nice: Annotated[int, Field(ge=0, le=19)] = 10
     """Niceness of the localisation process."""
 

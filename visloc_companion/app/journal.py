@@ -29,6 +29,7 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from visloc_companion.app import journal_lock
 from visloc_companion.app.journal_header import OTHER_VERSION, JournalHeader, header_of, require_own
 from visloc_companion.app.salvage import OnDamage, Record, read_records
 from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, from_dict, json_schema, to_json
@@ -132,9 +133,13 @@ def read_frames(path: Path) -> Iterator[tuple[int, Image]]:
 
 
 def _records(path: Path, salvage: bool, on_damage: OnDamage | None) -> Iterator[Record]:
+    written = False
+
     def damaged(what: str) -> None:
         if not salvage:
-            raise JournalError(f"is damaged: {what}", where=str(path), remedy="read what is there: visloc replay FILE --salvage")
+            state, wait = ("not whole", "wait for its end, or ") if written else ("damaged", "")
+            remedy = f"{wait}read what is there: visloc replay FILE --salvage"
+            raise JournalError(f"is {state}: {what}", where=str(path), remedy=remedy)
         if on_damage is not None:
             on_damage(what)
 
@@ -142,8 +147,9 @@ def _records(path: Path, salvage: bool, on_damage: OnDamage | None) -> Iterator[
         with path.open("rb") as file:
             if os.fstat(file.fileno()).st_size == 0:
                 raise JournalError("is empty", where=str(path), remedy="use another journal")
+            written = journal_lock.is_held(file)  # before its length is taken: what ends in between ends whole
             with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-                yield from read_records(data, str(path), damaged)
+                yield from read_records(data, str(path), damaged, written=written)
     except (OSError, ValueError) as why:
         raise JournalError(f"cannot be read: {why}", where=str(path), remedy="name a readable .mcap file") from why
 
@@ -193,6 +199,7 @@ class JournalWriter:
         self._drop_told = False
         self._queue: queue.Queue[tuple[str, int, int, Any] | None] = queue.Queue(_QUEUE)
         self._channels: dict[str, int] = {}
+        journal_lock.hold(stream)
         self._writer = Writer(cast(Any, stream), chunk_size=2**30, compression=CompressionType.ZSTD)
         self._thread = threading.Thread(target=self._run, name="journal", daemon=True)
         self._put(_HEADER, header.started_ns, header)

@@ -66,8 +66,15 @@ class _DamageError(Exception):
     pass
 
 
-def read_records(data: bytes | mmap, where: str, on_damage: OnDamage) -> Iterator[Record]:
-    """Messages in file order. Raises JournalError where the file is no MCAP at all; all else is told to `on_damage`."""
+class _CutError(_DamageError):
+    """The file ends where its writer was, which is no damage of one that is being written."""
+
+
+def read_records(data: bytes | mmap, where: str, on_damage: OnDamage, *, written: bool = False) -> Iterator[Record]:
+    """Messages in file order. Raises JournalError where the file is no MCAP at all; all else is told to `on_damage`.
+
+    `written`: somebody writes the file still, so that its end is not there yet.
+    """
     if data[: len(MAGIC)] != MAGIC:
         raise JournalError("is not a journal (no MCAP signature)", where=where, remedy="name a .mcap file that visloc wrote")
     topics: dict[int, str] = {}
@@ -77,7 +84,10 @@ def read_records(data: bytes | mmap, where: str, on_damage: OnDamage) -> Iterato
             opcode, end = _frame(data, position)
             messages = list(_chunk(data[position + _RECORD.size : end], topics)) if opcode == Opcode.CHUNK else []
         except _DamageError as why:
-            on_damage(f"byte {position}: {why}")
+            of_writer = (
+                (f" ({'it is being written' if written else 'the writer was killed'})") if isinstance(why, _CutError) else ""
+            )
+            on_damage(f"byte {position}: {why}{of_writer}")
             following = _next_chunk(data, position + 1)
             if following is None or _another_begins(data, position, following, on_damage):
                 return
@@ -102,7 +112,7 @@ def _another_begins(data: bytes | mmap, start: int, end: int, on_damage: OnDamag
 def _frame(data: bytes | mmap, position: int) -> tuple[int, int]:
     """Opcode and end of the record at a position."""
     if position + _RECORD.size > len(data):
-        raise _DamageError("the file ends before its end was written (the writer was killed)")
+        raise _CutError("the file ends before its end was written")
     opcode, length = _RECORD.unpack_from(data, position)
     if opcode == 0 and _SOMETHING.search(data, position) is None:
         raise _DamageError("the file ends in zeros (the power was cut)")
@@ -112,7 +122,7 @@ def _frame(data: bytes | mmap, position: int) -> tuple[int, int]:
         raise _DamageError(f"an end of {length} bytes, where {_FOOTER_BYTES} are right")
     end = position + _RECORD.size + length
     if end > len(data):
-        raise _DamageError("the file ends in the middle of a record (the writer was killed)")
+        raise _CutError("the file ends in the middle of a record")
     return opcode, end
 
 

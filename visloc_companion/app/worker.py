@@ -22,7 +22,7 @@ from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.worker_ahead import WorkerAhead, begun
 from visloc_companion.app.worker_process import REAL_ANSWERS, Changed, Failed, Ready, WorkerJob, WorkerRequest, no_fix, run_worker
 from visloc_companion.config import Config
-from visloc_companion.errors import Reason, VislocError, WorkerError
+from visloc_companion.errors import MapError, Reason, VislocError, WorkerError
 from visloc_companion.protocols import Clock
 from visloc_companion.types import Fix, LocaliseRequest, NoFix, Notice, Severity, WorkerState
 
@@ -30,7 +30,10 @@ WorkerEvent = Fix | NoFix | WorkerState
 FileStamps = tuple[tuple[str, int, int, int, int], ...]
 _WINDOW_S = 60.0
 _PAUSE_S = 60.0
-"""After more deaths than `worker.max_restarts`: what kills a worker may pass (memory, heat, a pack that is being copied)."""
+"""After more deaths than `worker.max_restarts`: what kills a worker may pass (memory, heat)."""
+_VAIN_S = 1.0
+"""Before the next try after a worker that found map or network unfit to be opened; twice as long after each further one in a
+row, and no longer than `_PAUSE_S`: a medium that was away for a moment is not one that costs a minute without fixes."""
 _SCARCE_S = 2.0
 """Before the next try where the system has no memory, process or descriptor for one."""
 _START_S = 120.0
@@ -71,6 +74,8 @@ class WorkerSupervisor:
         self._deaths: deque[float] = deque()
         self._started: asyncio.Future[None] | None = None
         self._why, self._reason = "", Reason.WORKER_DIED
+        self._unfit: VislocError | None = None
+        self._in_vain = 0
         self._stamps: FileStamps = ()
         self._verified: FileStamps = ()
         self.pack_seal = ""
@@ -156,6 +161,7 @@ class WorkerSupervisor:
         taken = None if self._ahead is None else self._ahead.take(job)
         process, ours = taken or begun(run_worker, job)
         self._process, self._connection, self._why, self._reason = process, ours, "", Reason.WORKER_DIED
+        self._unfit = None
         loop = asyncio.get_running_loop()
         loop.add_reader(process.sentinel, self._died)
         loop.add_reader(ours.fileno(), self._receive)
@@ -195,7 +201,7 @@ class WorkerSupervisor:
             self._disarm()
             if self.given_up:
                 self._on_notice(Notice(Severity.NOTICE, "localiser is back", True))
-            self.up, self.given_up, self._verified = True, False, self._stamps
+            self.up, self.given_up, self._verified, self._in_vain = True, False, self._stamps, 0
             self.pack_seal = seal(self._stamps) if self._config.map.verify_hashes and self._stamps else ""
             self._report(f"ready: {message.about}" if message.about else "ready")
             if self._started is not None and not self._started.done():
@@ -211,7 +217,7 @@ class WorkerSupervisor:
             self.events.put(replace(message, t_rx_ns=self._clock.now_ns()))
 
     def _failed(self, error: VislocError) -> None:
-        self._why = str(error)
+        self._why, self._unfit = str(error), error
         if self._started is not None and not self._started.done():
             self._started.set_exception(error)
 
@@ -234,7 +240,13 @@ class WorkerSupervisor:
         if self._started is not None and not self._started.done():
             self._started.set_exception(WorkerError(why, where="worker", remedy="see its messages above"))
         elif self._started is not None and self._started.exception() is None:
-            self._restart_or_give_up(why)
+            self._in_vain = 0 if self._unfit is None else self._in_vain + 1
+            self._restart_or_give_up(why, self._pause_s if self._in_vain else 0.0)
+
+    @property
+    def _pause_s(self) -> float:
+        """Before the next try where too many have failed; sooner where the last `_in_vain` ones could not open map or network."""
+        return min(_VAIN_S * 2.0 ** min(self._in_vain - 1, 16), _PAUSE_S) if self._in_vain else _PAUSE_S
 
     def _restart_or_give_up(self, why: str, after_s: float = 0.0) -> None:
         now_s = asyncio.get_running_loop().time()
@@ -246,9 +258,10 @@ class WorkerSupervisor:
         if self.given_up:
             self._report(f"given up: {why}")
             if not was_given_up:
-                text = f"localiser failed, next try in {_PAUSE_S:.0f} s"
+                what = "map cannot be opened" if self._in_vain and isinstance(self._unfit, MapError) else "localiser failed"
+                text = f"{what}, next try in {self._pause_s:.0f} s"
                 self._on_notice(Notice(Severity.CRITICAL, text, True, (("why", why),)))
-            self._arm(_PAUSE_S, self._restart)
+            self._arm(self._pause_s, self._restart)
             return
         self._report(why)
         self._on_notice(Notice(Severity.WARNING, "localiser restarts", False, (("why", why),)))
@@ -262,7 +275,7 @@ class WorkerSupervisor:
         self.restarts += 1
         self._stamps = file_stamps(self._config.map.pack)
         verify = self._config.map.verify_hashes and self._stamps != self._verified
-        if verify:
+        if verify and self._stamps:
             self._on_notice(Notice(Severity.WARNING, "the map pack has changed since the start and is verified anew"))
         try:
             self._spawn(self._verifying(verify), _START_S if verify else _RESTART_S)

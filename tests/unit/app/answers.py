@@ -6,12 +6,13 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 from visloc_companion.app.worker_process import OverMap
 from visloc_companion.config import Config
-from visloc_companion.errors import HashMismatch, Reason
+from visloc_companion.errors import HashMismatch, MapError, Reason
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
 
 Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
@@ -98,6 +99,13 @@ def starts_once(config: Config) -> Answer:
     if not config.map.verify_hashes:
         raise HashMismatch("is gone", where="pack")
     return by_request_id(config)
+
+
+def needs_its_pack(config: Config) -> Answer:
+    """Starts while the folder of the pack is there."""
+    if not Path(config.map.pack).is_dir():
+        raise MapError("is away", where="pack")
+    return _fix
 
 
 class _Leaving(OverMap):

@@ -22,6 +22,7 @@ from visloc_companion.adapters.mavlink.settings import CompanionState, SessionSe
 from visloc_companion.adapters.mavlink.signing import Refusal, SignatureGuard, SigningTime
 from visloc_companion.adapters.mavlink.streams import StreamState
 from visloc_companion.adapters.mavlink.texts import BURST, TextSender
+from visloc_companion.adapters.mavlink.two_senders import REMEDY, TwoSenders
 from visloc_companion.adapters.mavlink.upkeep import Upkeep
 from visloc_companion.errors import Reason
 from visloc_companion.types import (
@@ -34,6 +35,7 @@ from visloc_companion.types import (
     OriginChanged,
     Report,
     RequestMessage,
+    Severity,
     SourceSwitched,
     SwitchSource,
 )
@@ -72,6 +74,7 @@ class MavlinkSession:
             self._outbox.speak_as(settings.left_system_id)
         self._decoder = Decoder()
         self._presence, self._origin_check = Presence(settings.timeout_s), OriginCheck()
+        self._two = TwoSenders()
         self._upkeep = Upkeep(settings, self._outbox)
         self._sender = PositionSender(settings, self._outbox, self._warn, self._say)
         self._texts = TextSender()
@@ -272,6 +275,11 @@ class MavlinkSession:
         self._upkeep.ask_for_heartbeat(self.settings.left_system_id, self._now_ns)
 
     def _take(self, msg: Message, now_ns: int) -> None:
+        if self._two.there(now_ns):
+            said = self._decoder.event(msg, now_ns)
+            if said is not None and self._presence.restarted(said):
+                self._two.went_back(now_ns)
+            return
         if not self.link.up and msg.get_type() != "HEARTBEAT":
             self._upkeep.ask_for_heartbeat(self._listener.pinned, now_ns)
             return
@@ -294,11 +302,20 @@ class MavlinkSession:
 
     def _pass_on(self, event: Event, now_ns: int) -> None:
         if self._presence.restarted(event):
-            self._lose("the autopilot's clock went back: it was restarted", now_ns)
+            two = self._two.went_back(now_ns)
+            self._lose(self._of_two() if two else "the autopilot's clock went back: it was restarted", now_ns)
+            if two:
+                return
         if self._origin_check.hear(event, self.link.autopilot, self.origin):
             self._ask_on = True
             self._upkeep.doubt_origin(now_ns)
         self._pending.append(event)
+
+    def _of_two(self) -> str:
+        """Tell the operator of two autopilots with one number; why that ends the link."""
+        number = self._listener.pinned
+        self._say(Notice(Severity.CRITICAL, f"visloc: 2 autopilots with system id {number}, unused", to_operator=True))
+        return f"two autopilots with system id {number} are on the link, and nothing is taken of either: {REMEDY}"
 
     def _take_order(self, msg: Message) -> None:
         """A ground station speaks to this component."""

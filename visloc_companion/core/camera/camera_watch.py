@@ -19,6 +19,8 @@ FIRST_FRAME_NS = 10_000_000_000
 STEADY_NS = 10_000_000_000
 SELDOM_GAPS = 2
 """Frames that were missing so often, within STEADY_NS of coming back each time, come seldom, until none was for that long."""
+APART_FRAMES = 4
+"""Of frames that come seldom at most so many come between two gaps; a camera of which more do comes and goes."""
 RARE_NS = 4_000_000_000
 """Frames that come further apart are rare: what waits for the next one waits long."""
 FROZEN = "camera picture stands still, unused"
@@ -37,6 +39,7 @@ class CameraWatch:
         self._silent = False
         self._gaps, self._gap_ns = 0, 0
         self._gap_end_ns: int | None = None
+        self._since_gap = self._before_gap = 0
         self._seldom = False
         self._checksum: int | None = None
         self._t_boot_ns: int | None = None
@@ -48,7 +51,8 @@ class CameraWatch:
     @property
     def rare(self) -> bool:
         """Whether the last frame, as some shortly before, came more than RARE_NS after the one before it."""
-        return self._gaps >= SELDOM_GAPS and self._gap_end_ns == self._frame_rx_ns and self._gap_ns > RARE_NS
+        apart = self._gaps >= SELDOM_GAPS and self._before_gap <= APART_FRAMES
+        return apart and self._gap_end_ns == self._frame_rx_ns and self._gap_ns > RARE_NS
 
     def is_new(self, frame: FrameRef) -> bool:
         """Whether a frame differs from the one before, and its own stamp, too: of frames that bear one time only the first may
@@ -70,6 +74,8 @@ class CameraWatch:
         if before_ns is not None and t_rx_ns - before_ns > SILENCE_NS:
             self._gaps = self._gaps + 1 if self._lately_gone(before_ns) else 1
             self._gap_ns, self._gap_end_ns = t_rx_ns - before_ns, t_rx_ns
+            self._before_gap, self._since_gap = self._since_gap, 0
+        self._since_gap += 1
         back = self._silent or (self._seldom and not self._lately_gone(t_rx_ns))
         self._silent, self._seldom = False, self._seldom and not back
         return [Notice(Severity.NOTICE, "camera frames are back")] if back else []
@@ -99,7 +105,8 @@ class CameraWatch:
             return []
         if self._comes_seldom(now_ns):
             self._seldom = True
-            return [Notice(Severity.WARNING, f"visloc: camera frames {self._gap_ns * 1e-9:.0f} s apart", to_operator=True)]
+            how = f"{self._gap_ns * 1e-9:.0f} s apart" if self._since_gap <= APART_FRAMES else "come and go"
+            return [Notice(Severity.WARNING, f"visloc: camera frames {how}", to_operator=True)]
         self._silent = True
         return [Notice(Severity.WARNING, f"visloc: {self._trouble}", to_operator=True)]
 

@@ -167,3 +167,28 @@ def test_seldom_frames_that_stop_are_told() -> None:
 def test_two_gaps_far_from_each_other_are_told_each() -> None:
     times = [0.5 * k for k in range(200) if not (20 < 0.5 * k < 25 or 60 < 0.5 * k < 65)]
     assert heard(CameraWatch(), times, 99.0) == COMES_AND_GOES
+
+
+def outages(*ends_s: tuple[float, float], until_s: float = 60.0) -> list[float]:
+    """Times of a camera of 2.5 frames a second that is away between these."""
+    times = [0.4 * k for k in range(round(until_s / 0.4))]
+    return [t_s for t_s in times if not any(begin < t_s < end for begin, end in ends_s)]
+
+
+def test_a_camera_of_a_good_rate_that_drops_out_again_and_again_is_not_a_slow_one() -> None:
+    """It was said of 2.5 frames a second that they come 9 s apart."""
+    watch = CameraWatch()
+    told = heard(watch, outages((10, 19), (24, 33), (38, 47)), 59.0)
+    assert told == [*COMES_AND_GOES, "visloc: camera frames come and go", "camera frames are back"]
+    assert not watch.rare
+
+
+def test_nor_is_the_frame_after_its_outage_a_rare_one() -> None:
+    seen: dict[bool, list[bool]] = {True: [], False: []}
+    for slow, times in ((True, [9.0 * k for k in range(5)]), (False, outages((10, 19), (24, 33), (38, 47)))):
+        watch = CameraWatch()
+        for t_s in times:
+            watch.on_frame(round(t_s * 1e9), round(t_s * 1e9))
+            seen[slow].append(watch.rare)
+    assert seen[True] == [False, False, True, True, True]
+    assert not any(seen[False])
