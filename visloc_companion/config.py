@@ -55,8 +55,8 @@ class LinkConfig(Section):
     computer_status: bool = True
     """Send ONBOARD_COMPUTER_STATUS once a second."""
     reconnect_s: Positive = 2.0
-    """The pause before the connection is opened anew, twice as long from try to try up to 10 s. A TCP or serial one is given up
-    after so long and 3 s without a byte."""
+    """The pause before the connection is opened anew, twice as long from try to try up to 10 s; a serial device that was gone is
+    opened as soon as it is there. A TCP or serial one is given up after so long and 3 s without a byte."""
 
 
 class MapConfig(Section):

@@ -6,6 +6,7 @@ import os
 import socket
 import tty
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -195,6 +196,7 @@ async def test_a_port_that_is_taken_is_tried_again():
         link.open()
         await until(lambda: bool(warnings))
         assert f"udpin:{HOST}:{port}" in warnings[0]
+        assert "another program has it" in warnings[0]
     await until(lambda: link.port == port)
     await link.close()
 
@@ -243,6 +245,29 @@ async def test_a_stream_is_opened_anew_after_reconnect_s_and_three_seconds_of_si
 async def test_tries_that_fail_come_twice_as_far_apart_up_to_ten_seconds():
     tries = await opened_s("tcp:10.0.0.2:5760", 2.0, 9, 36.0)
     assert tries == pytest.approx([0.0, 2.0, 6.0, 14.0, 24.0, 34.0], abs=0.4)
+
+
+async def test_a_device_that_is_plugged_in_again_is_opened_at_once(tmp_path: Path):
+    """What failed for long would be tried ten seconds later, all of them without a position."""
+    device, clock, tries = tmp_path / "ttyFC", ManualClock(), list[float]()
+
+    async def opens(endpoint: object, listener: object) -> Silent:
+        tries.append(clock.now_ns() * 1e-9)
+        if len(tries) < 7:
+            raise FileNotFoundError(2, "No such file or directory")
+        return Silent()
+
+    link = PymavlinkLink(f"serial:{device}:57600", SessionSettings(reconnect_s=2.0), clock, open_channel=opens)
+    link.open()
+    for step in range(800):
+        if step == 500:
+            device.touch()
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        clock.advance(0.05)
+    await link.close()
+    assert tries[:5] == pytest.approx([0.0, 2.0, 6.0, 14.0, 24.0], abs=0.4)
+    assert tries[5:7] == pytest.approx([25.1, 27.1], abs=0.2), "at once, and soon again where it may not be used yet"
 
 
 async def test_datagrams_have_no_connection_that_silence_could_end():

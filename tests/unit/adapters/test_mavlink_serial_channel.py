@@ -135,6 +135,7 @@ async def test_a_line_that_breaks_is_lost_once(line):
     await asyncio.sleep(0.05)
     assert len(lost) == 1
     assert channel.dropped == 1
+    assert channel.overflowed == 0, "a line that is gone is not one that is too slow"
 
 
 async def test_a_device_that_is_not_there(tmp_path):

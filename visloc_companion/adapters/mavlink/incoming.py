@@ -10,6 +10,7 @@ from visloc_companion.adapters.mavlink.codec_gimbal import is_of_gimbal
 from visloc_companion.adapters.mavlink.dialect import AUTOPILOT_COMPONENT, Message
 from visloc_companion.adapters.mavlink.framing import FrameCounts, Framer
 from visloc_companion.adapters.mavlink.signing import SignatureGuard, is_signed
+from visloc_companion.adapters.mavlink.unheard import Unheard
 from visloc_companion.errors import Reason
 from visloc_companion.types import Attitude, Event
 
@@ -43,6 +44,7 @@ class Listener:
         self._operators, self._ordered, self._pointed = operators, ordered, pointed
         self._pin = pin
         self.n_heard = self.n_expected = 0
+        self._unheard, self._wanted = Unheard(), system_id
         self._warn = warn
         self._framer = Framer(self._note_signature if guard is None else guard.admits)
         self._signature_told = False
@@ -59,6 +61,8 @@ class Listener:
     def messages(self, data: bytes) -> Iterator[Message]:
         """The autopilot's messages that are complete with these bytes, in order."""
         for msg in self._framer.feed(data):
+            if not self.n_heard:
+                self._note_other(msg)
             if msg.get_srcComponent() == AUTOPILOT_COMPONENT and self._is_pinned(msg):
                 self.n_heard += 1
                 yield msg
@@ -73,6 +77,19 @@ class Listener:
         if not self._garbage_told and counts.garbage_bytes >= _GARBAGE_BYTES + counts.messages:
             self._garbage_told = True
             self._warn("bytes on the link are not MAVLink (wrong baud rate, noise, or another protocol?); they are skipped")
+
+    def check(self, now_ns: int) -> None:
+        """Warn once where no autopilot is heard; asked by the clock. What a guard refuses has a warning of its own, as have bytes
+        that are no messages."""
+        counts = self._framer.counts
+        told = self._unheard.check(self.n_heard > 0, self._wanted, now_ns)
+        if told is not None and bool(counts.messages) == bool(self._unheard.others) and counts.garbage_bytes < _GARBAGE_BYTES:
+            self._warn(told)
+
+    def _note_other(self, msg: Message) -> None:
+        sender = msg.get_srcSystem(), msg.get_srcComponent()
+        if sender[1] != AUTOPILOT_COMPONENT or sender[0] != (self.pinned or sender[0]):
+            self._unheard.other(sender, pilot=msg.get_type() == "HEARTBEAT" and is_autopilot(msg))
 
     def _is_expected(self, msg: Message) -> bool:
         sender = msg.get_srcSystem(), msg.get_srcComponent()

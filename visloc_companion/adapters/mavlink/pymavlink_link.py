@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
 from collections.abc import AsyncIterator, Callable
 
 from visloc_companion.adapters.mavlink.channels import Address, Channel, Listener, OpenChannel, open_network_channel
@@ -167,8 +169,8 @@ class PymavlinkLink:
                     pause_s = self.session.settings.reconnect_s
                     await self._serve()
                     self.reconnects += 1
-                await self._pause(pause_s)
-                pause_s = min(2 * pause_s, _MAX_PAUSE_S)
+                came_back = await self._pause(pause_s)
+                pause_s = self.session.settings.reconnect_s if came_back else min(2 * pause_s, _MAX_PAUSE_S)
         except Exception as why:
             self._queue.close(why)
 
@@ -178,7 +180,8 @@ class PymavlinkLink:
         try:
             self._channel = await self._open_channel(self.endpoint, listener)
         except OSError as why:
-            self._warn(f"cannot open {self.endpoint}: {why}; trying again")
+            taken = "another program has it (ss -tulpn names it); " if why.errno == errno.EADDRINUSE else ""
+            self._warn(f"cannot open {self.endpoint}: {why}; {taken}trying again")
             return False
         self._data_ns = self._clock.now_ns()
         return True
@@ -199,12 +202,19 @@ class PymavlinkLink:
             self._channel.close()
             self._channel = None
 
-    async def _pause(self, pause_s: float) -> None:
-        """Wait, and let the session notice the silence meanwhile."""
+    async def _pause(self, pause_s: float) -> bool:
+        """Wait, and let the session notice the silence meanwhile; True, and at once, where a device that was gone is there."""
         until_ns = self._clock.now_ns() + round(pause_s * _NS_PER_S)
+        was_gone = self._device_gone()
         while (now_ns := self._clock.now_ns()) < until_ns:
             self._poll(now_ns)
             await self._clock.sleep_until(min(until_ns, now_ns + _POLL_NS))
+            if was_gone and not self._device_gone():
+                return True
+        return False
+
+    def _device_gone(self) -> bool:
+        return self.endpoint.kind is EndpointKind.SERIAL and not os.path.lexists(self.endpoint.place)
 
     def _poll(self, now_ns: int) -> None:
         self._rounds += 1
@@ -257,7 +267,7 @@ class PymavlinkLink:
 
 
 def _too_slow_for(channel: Channel | None) -> int:
-    return channel.dropped if isinstance(channel, SerialChannel) else 0
+    return channel.overflowed if isinstance(channel, SerialChannel) else 0
 
 
 async def open_own_channel(endpoint: Endpoint, listener: Listener) -> Channel:

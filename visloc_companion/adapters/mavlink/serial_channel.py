@@ -28,7 +28,7 @@ class SerialChannel:
     port: int | None = None
 
     def __init__(self, endpoint: Endpoint, listener: Listener) -> None:
-        self.dropped = 0
+        self.dropped = self.overflowed = 0
         self._listener = listener
         self._unsent = bytearray()
         self._most_bytes = endpoint.number / _BITS_A_BYTE * MAX_WAIT_S
@@ -43,8 +43,11 @@ class SerialChannel:
     def write(self, packets: list[bytes]) -> None:
         """Send packets, or drop them where the line cannot follow."""
         for packet in packets:
-            if self._fd is None or len(self._unsent) + self._in_driver() > self._most_bytes:
+            if self._fd is None:
                 self.dropped += 1
+            elif len(self._unsent) + self._in_driver() > self._most_bytes:
+                self.dropped += 1
+                self.overflowed += 1
             else:
                 self._unsent += packet
                 self._writable()

@@ -180,6 +180,7 @@ class MavlinkSession:
         now_ns = self._advance(now_ns)
         if self._presence.silent(now_ns):
             self._lose(f"the autopilot is silent for {self.settings.timeout_s:g} s", now_ns)
+        self._listener.check(now_ns)
         flowing = CompanionState.ACTIVE if self._sender.active(now_ns) else CompanionState.STANDBY
         self._upkeep.heartbeat(self._state or flowing, now_ns)
         if self.link.up:
