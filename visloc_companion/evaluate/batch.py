@@ -44,14 +44,15 @@ def run_all(
     broken_off = context.Event()
 
     def by_others() -> Iterator[Result]:
+        nonlocal done
         with ProcessPoolExecutor(jobs, mp_context=context, initializer=_began, initargs=(broken_off,)) as pool:
-            yield from pool.map(partial(_unless_broken_off, there), items, chunksize=at_once)
+            for result in pool.map(partial(_unless_broken_off, there), items, chunksize=at_once):
+                done += 1
+                yield result
 
     try:
         with closing(aside(by_others, broken_off.set)) as results:
-            for result in results:
-                done += 1
-                yield result
+            yield from results
     except BrokenProcessPool:
         yield from run_all(items[done:], here, there, 1)
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
 from queue import SimpleQueue
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 Result = TypeVar("Result")
 
@@ -22,23 +21,21 @@ class BrokenOff(KeyboardInterrupt):
 
 
 def done_until_broken_off(results: Iterator[Result], into: list[Result], on_each: Callable[[], None]) -> BaseException | None:
-    """Take results one by one; None, or what told the work to end after the first of them. A generator is closed then."""
+    """Take results one by one; None, or what told the work to end after the first of them. A generator is told so, too, and what
+    it has ready is taken."""
     try:
         for result in results:
             into.append(result)
             on_each()
     except (KeyboardInterrupt, SystemExit) as why:
         if isinstance(results, Generator):
-            results.close()
+            with suppress(StopIteration, type(why)):
+                into.append(results.throw(why))
+                into.extend(results)
         if not into:
             raise
         return why
     return None
-
-
-@dataclass(frozen=True, slots=True)
-class _Done(Generic[Result]):
-    result: Result
 
 
 def aside(work: Callable[[], Iterator[Result]], stop: Callable[[], None]) -> Generator[Result, None, None]:
@@ -46,29 +43,41 @@ def aside(work: Callable[[], Iterator[Result]], stop: Callable[[], None]) -> Gen
 
     A signal that raises amid the locks of a pool (concurrent.futures) leaves them locked, and the pool waits for them for ever.
     So whoever may hear one only waits. Told to end, or closed: `stop`, after which `work` has to end soon, and is waited for.
+    Told to end, what it has yielded by then comes first.
     """
-    news = SimpleQueue[_Done[Result] | BaseException | None]()  # whose get() may be broken off
+    done, failed = list[Result](), list[BaseException]()
+    news, given = SimpleQueue[None](), 0  # whose get() may be broken off, and what it gave then be lost
 
     def do() -> None:
         try:
             for result in work():
-                news.put(_Done(result))
+                done.append(result)
+                news.put(None)
         except BaseException as why:
-            news.put(why)
-        else:
+            failed.append(why)
+        finally:
             news.put(None)
 
     thread = threading.Thread(target=do, name="aside")
     try:
         thread.start()
-        while (one := news.get()) is not None:
-            if isinstance(one, BaseException):
-                raise one
-            yield one.result
+        while news.get() is None and given < len(done):
+            yield done[(given := given + 1) - 1]  # no call in between: a signal raises before it is counted, or once it is given
+    except (KeyboardInterrupt, SystemExit):
+        by_then = len(done)
+        _end(thread, stop)
+        yield from done[given:by_then]
+        raise
     finally:
-        stop()
-        if thread.is_alive():
-            thread.join()
+        _end(thread, stop)
+    if failed:
+        raise failed[0]
+
+
+def _end(thread: threading.Thread, stop: Callable[[], None]) -> None:
+    stop()
+    if thread.is_alive():
+        thread.join()
 
 
 @contextmanager

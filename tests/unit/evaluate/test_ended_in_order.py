@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
+from types import FrameType
 
 import pytest
 
-from visloc_companion.evaluate.ended_in_order import aside, ended_in_order
+from visloc_companion.evaluate.ended_in_order import aside, done_until_broken_off, ended_in_order
 
 
 def counting(told: threading.Event) -> Iterator[int]:
@@ -56,6 +59,50 @@ def test_a_signal_ends_the_wait_not_the_work() -> None:
     with ended_in_order(), pytest.raises(SystemExit, match="143"):
         for result in aside(lambda: counting(told), told.set):
             assert result == 0
-            threading.Timer(0.1, signal.raise_signal, [signal.SIGTERM]).start()
+            threading.Timer(0.1, os.kill, [os.getpid(), signal.SIGTERM]).start()  # raise_signal would wake the timer's thread
     assert told.is_set()
     assert not [thread for thread in threading.enumerate() if thread.name == "aside"]
+
+
+def quick(ready: threading.Event, told: threading.Event) -> Iterator[int]:
+    """Five results at once, and none until told to end."""
+    yield from range(5)
+    ready.set()
+    told.wait(30)
+
+
+def test_what_was_ready_when_the_listener_was_told_to_end_is_taken() -> None:
+    ready, told, taken = threading.Event(), threading.Event(), list[int]()
+
+    def on_each() -> None:
+        ready.wait(30)
+        raise KeyboardInterrupt
+
+    why = done_until_broken_off(aside(lambda: quick(ready, told), told.set), taken, on_each)
+    assert isinstance(why, KeyboardInterrupt)
+    assert taken == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("at", range(24))
+def test_no_result_is_lost_or_taken_twice_wherever_a_signal_raises(at: int) -> None:
+    """As a handler does, at one line after the other of whoever waits."""
+    ready, told, taken, lines = threading.Event(), threading.Event(), list[int](), iter(range(1000))
+
+    def raising(frame: FrameType, event: str, _: object) -> object:
+        if frame.f_code is not aside.__code__:
+            return None
+        if event == "line" and next(lines) == at:
+            sys.settrace(None)
+            raise KeyboardInterrupt
+        return raising
+
+    results = aside(lambda: quick(ready, told), told.set)
+    threading.Timer(0.2, told.set).start()
+    sys.settrace(raising)
+    try:
+        done_until_broken_off(results, taken, lambda: ready.wait(30))
+    except KeyboardInterrupt:
+        assert taken == []
+    finally:
+        sys.settrace(None)
+    assert taken in ([], [0, 1, 2, 3, 4])
