@@ -30,6 +30,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from visloc_companion.app import journal_lock
+from visloc_companion.app.journal_end import abandon
 from visloc_companion.app.journal_header import OTHER_VERSION, JournalHeader, header_of, require_own
 from visloc_companion.app.salvage import OnDamage, Record, read_records
 from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, from_dict, json_schema, to_json
@@ -85,8 +86,7 @@ def read_journal(
             if record.topic is None and name not in EVENT_TYPES and name not in COMMAND_TYPES:
                 continue  # the chunk that described this channel was lost, and what is in it is no event
             thing = _thing(data, record, path)
-            is_event = name in EVENT_TYPES
-            yield Entry(record.log_time_ns, thing if is_event else None, None if is_event else thing)
+            yield Entry(record.log_time_ns, *((thing, None) if name in EVENT_TYPES else (None, thing)))
 
 
 def read_header(path: Path) -> JournalHeader:
@@ -266,7 +266,7 @@ class JournalWriter:
                 self._queue.put(None, timeout=_CLOSE_S)
             self._thread.join(max(0.0, by_s - time.monotonic()))
         if not self._stream.closed:
-            _abandon(self._stream)
+            abandon(self._stream, None)
 
     def _put(self, topic: str, now_ns: int, thing: Any) -> bool:
         """Whether it waits to be written now."""
@@ -370,7 +370,7 @@ class JournalWriter:
 
     def _end(self, problem: str) -> None:
         self.problem = problem
-        _abandon(self._stream)
+        abandon(self._stream, self.path)
         self._report(problem)
 
     def _report(self, problem: str) -> None:
@@ -385,12 +385,6 @@ class JournalWriter:
 
 class _FullError(Exception):
     pass
-
-
-def _abandon(stream: BinaryIO) -> None:
-    """Close a file whose buffer can no longer be written."""
-    with contextlib.suppress(OSError, ValueError):
-        getattr(stream, "raw", stream).close()
 
 
 def _payload(topic: str, thing: Any) -> bytes:

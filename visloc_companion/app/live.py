@@ -12,6 +12,7 @@ import contextlib
 import json
 from collections.abc import Callable, Coroutine
 from dataclasses import asdict
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -344,15 +345,17 @@ async def run_daemon(
     def report(notice: Notice) -> None:
         daemons[0].report(notice) if daemons else early.append(notice)
 
-    def disk_problem(text: str) -> None:
+    def disk_problem(where: str, text: str) -> None:
+        data = (("problem", text), ("where", where), ("remedy", "make room there, or name another place"))
         with contextlib.suppress(RuntimeError):  # the loop has ended, and with it whom to tell
-            loop.call_soon_threadsafe(report, Notice(Severity.WARNING, f"visloc: {text}"[:50], True, (("problem", text),)))
+            loop.call_soon_threadsafe(report, Notice(Severity.WARNING, f"visloc: {text}"[:50], True, data))
 
     def link_warning(text: str) -> None:
         report(Notice(Severity.WARNING, text))
 
     stop = asyncio.Event() if stop is None else stop
-    assembling = asyncio.create_task(assemble(config, clock, make, Reports(report, disk_problem, link_warning), ahead))
+    journal_problem = partial(disk_problem, f"journal.folder = {config.journal.folder}")
+    assembling = asyncio.create_task(assemble(config, clock, make, Reports(report, journal_problem, link_warning), ahead))
     importing = asyncio.create_task(asyncio.to_thread(import_module, _NAVIGATOR))
     try:
         parts = await _unless(stop, assembling)
@@ -367,7 +370,8 @@ async def run_daemon(
             daemon.report(notice)
         async with contextlib.AsyncExitStack() as stack:
             if config.status.socket:
-                await stack.enter_async_context(status_server(Path(config.status.socket), daemon.snapshot, disk_problem))
+                no_socket = partial(disk_problem, f"status.socket = {config.status.socket}")
+                await stack.enter_async_context(status_server(Path(config.status.socket), daemon.snapshot, no_socket))
             if on_ready is not None:
                 on_ready(daemon)
             await daemon.run(stop)

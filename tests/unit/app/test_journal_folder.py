@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import time
 from pathlib import Path
@@ -10,8 +11,9 @@ import pytest
 
 from tests.unit.app.daemon import HOME, configuration, flight, hovering
 from visloc_companion.app.handover import Handover
-from visloc_companion.app.journal import read_journal
+from visloc_companion.app.journal import JournalWriter, read_journal
 from visloc_companion.app.journal_folder import delete_outgrown, outgrown
+from visloc_companion.app.journal_header import JournalHeader
 from visloc_companion.config import parse_config
 from visloc_companion.doctor.collect.system import read_system
 from visloc_companion.types import Injection, LinkChanged, Notice
@@ -118,3 +120,21 @@ def test_the_doctor_counts_what_the_daemon_will_delete(tmp_path: Path) -> None:
     assert kept is not None
     assert less is not None
     assert less - kept == pytest.approx(50.0, abs=25.0), "other programs write meanwhile"
+
+
+def test_a_full_disk_leaves_no_empty_journal_in_the_place_of_the_flight_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file can be made on it, and nothing be written: as the newest it stayed, and that of the flight before could go."""
+    (last,) = journals(tmp_path, "visloc-20260101T000000Z.mcap")
+
+    def full(descriptor: int) -> None:
+        os.ftruncate(descriptor, 0)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("visloc_companion.app.journal.os.fsync", full)
+    writer = JournalWriter.create(tmp_path, JournalHeader({}), max_bytes=50_000_000)
+    writer.close()
+    assert writer.problem
+    assert list(tmp_path.iterdir()) == [last]
+    assert delete_outgrown(tmp_path, 10) == []

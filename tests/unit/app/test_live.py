@@ -201,6 +201,8 @@ async def test_a_full_disk_ends_the_journal_and_not_the_flight(tmp_path: Path) -
         assert [notice.text for notice in f.link.notices if "journal" in notice.text] == [
             "visloc: journal stopped: No space left on device"
         ]
+        told = next(dict(notice.data) for notice in f.link.notices if "journal" in notice.text)
+        assert told["where"] == f"journal.folder = {folder}"
 
 
 async def test_a_disk_that_became_read_only_keeps_no_daemon_from_starting_again_in_flight(
