@@ -109,6 +109,47 @@ def test_a_local_position_is_not_missed_before_there_is_an_origin():
     assert len([w for w in talking.session.warnings() if "LOCAL_POSITION_NED" in w]) == 1
 
 
+def test_nor_while_the_autopilot_says_that_it_has_lost_its_position():
+    """After a link that was away for a minute the log said that the message is missing: ArduPilot stops it without a position."""
+    talking, voice = talk(), mav.MAVLink(None, 1, 1)
+    local = mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+    talking.session.request(RequestMessage(local, 10.0), talking.now_ns)
+
+    def says(flags: int, seconds: int, *, sent: bool) -> list[str]:
+        """What is warned of while it says so of itself, with ten local positions a second or none."""
+        for _ in range(10 * seconds):
+            t_ms = (talking.now_ns - talking.boot_offset_ns) // 1_000_000
+            report = mav.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
+            place = mav.MAVLink_local_position_ned_message(t_ms, 1.0, 2.0, -3.0, 0.0, 0.0, 0.0)
+            for message in (report, place) if sent else (report,):
+                talking.session.receive(message.pack(voice), talking.now_ns)
+            talking.run(0.1)
+        return [text for text in talking.session.warnings() if "LOCAL_POSITION_NED" in text]
+
+    assert says(0x33F, 10, sent=True) == []
+    assert talking.session.stream_state(local) is StreamState.ARRIVING
+    assert says(0xA7, 60, sent=False) == []
+    assert talking.session.stream_state(local) is StreamState.PENDING
+    assert says(0x33F, 20, sent=True) == []
+    assert talking.session.stream_state(local) is StreamState.ARRIVING
+    assert len(says(0x33F, 60, sent=False)) == 1
+
+
+def test_after_a_minute_of_silence_every_stream_is_asked_for_again():
+    """The autopilot was switched off meanwhile, and has forgotten them."""
+    talking = talk()
+    talking.session.request(RequestMessage(ATTITUDE, 20.0), talking.now_ns)
+    talking.run(10.0)
+    talking.autopilot.behaviour.silent = True
+    talking.run(60.0)
+    assert not talking.session.link.up
+    talking.autopilot.reboot()
+    talking.boot_offset_ns = talking.now_ns
+    talking.autopilot.behaviour.silent = False
+    events = talking.run(3.0)
+    assert sum(isinstance(event, Attitude) for event in events) > 20
+
+
 def test_a_refused_message_is_missing_at_once():
     talking = talk()
     talking.session.request(RequestMessage(60_000, 2.0), talking.now_ns)

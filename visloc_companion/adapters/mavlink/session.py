@@ -27,6 +27,7 @@ from visloc_companion.adapters.mavlink.upkeep import Upkeep
 from visloc_companion.errors import Reason
 from visloc_companion.types import (
     EkfSource,
+    EstimatorStatus,
     Event,
     GeoPoint,
     Injection,
@@ -307,6 +308,8 @@ class MavlinkSession:
             self._lose(self._of_two() if two else "the autopilot's clock went back: it was restarted", now_ns)
             if two:
                 return
+        if isinstance(event, EstimatorStatus):
+            self._upkeep.streams.has_position = event.horizontal_position_ok
         if self._origin_check.hear(event, self.link.autopilot, self.origin):
             self._ask_on = True
             self._upkeep.doubt_origin(now_ns)

@@ -17,7 +17,7 @@ _ENOUGH = 0.7
 _MISSING_AFTER = 3
 _PAUSES_S = (0.0, 1.0, 2.0, 4.0, 8.0)
 """Before it is asked for again after so many failures; the last one from then on."""
-_NEEDS_ORIGIN = frozenset((mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED,))
+_NEEDS_POSITION = frozenset((mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED,))
 _FIRST_STEP_DOWN, _STEP_DOWN, _SLOWEST_HZ = 0.75, 0.5, 0.5
 
 
@@ -43,11 +43,12 @@ class _Stream:
 class StreamKeeper:
     """Sans-IO keeper of all wanted streams; `warnings` collects what an operator may want to know.
 
-    While the autopilot has no origin (`has_origin`), it cannot send a local position, and nobody is warned of that.
+    While the autopilot has no origin (`has_origin`), or says that it has lost its position (`has_position`), ArduPilot sends no
+    local position, and nobody is warned of that.
     """
 
     def __init__(self, queue: CommandQueue, window_s: float) -> None:
-        self.has_origin = False
+        self.has_origin, self.has_position = False, True
         self.warnings: list[str] = []
         self._queue = queue
         self._window_s = window_s
@@ -125,7 +126,7 @@ class StreamKeeper:
         stream.window_from_ns = None
         pause_s = _PAUSES_S[min(stream.failures, len(_PAUSES_S)) - 1]
         stream.due_ns = now_ns + round(pause_s * _NS_PER_S)
-        if stream.wanted.message_id in _NEEDS_ORIGIN and not self.has_origin:
+        if stream.wanted.message_id in _NEEDS_POSITION and not (self.has_origin and self.has_position):
             stream.failures = min(stream.failures, _MISSING_AFTER - 1)
         if stream.failures == _MISSING_AFTER:
             self.warnings.append(f"{_name(stream.wanted.message_id)} {why}")
