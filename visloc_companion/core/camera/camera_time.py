@@ -34,6 +34,8 @@ UNKNOWN_S = 0.05
 """1-sigma of the stamps while nothing is known of their offset."""
 WRONG_STAMP_S = 0.04
 """Stamps of the camera's own are contradicted beyond this."""
+LASTS_TURNS, SAME_SIGMAS = 12, 2.0
+"""So many turns after each other have to contradict them, with offsets that agree within so many sigmas."""
 LEAST_FITS = 0.6
 """Of recent turns an offset has to explain so many before frames are moved by one that no ordinary camera has. In simulated
 flights it was 0.79 to 1 with right cameras and 0.70 with a lens that is 10 % off; with cameras that are mounted 30 degrees off
@@ -64,6 +66,7 @@ class CameraTime:
         self._frame_sigma_s = 0.0
         self._stamps: dict[int, int] = {}
         self._waiting: deque[tuple[Turn, tuple[int, int]]] = deque(maxlen=TURNS_KEPT)
+        self._contradicted: tuple[Offset, int] | None = None
         self.told_s: float | None = None
         self._asked_to_turn = False
         self._since_ns: int | None = None
@@ -156,12 +159,12 @@ class CameraTime:
         if far.sigma_s <= SURE_S and abs(far.offset_s) > LARGEST_S:
             best = far
         if best.sigma_s > SURE_S:
+            self._contradicted = None
             return []
         ordinary = self._by_arrival and abs(best.offset_s) <= LARGEST_S and not self.wrong
         if not ordinary and best.fits < LEAST_FITS:
             return []
-        if not self._by_arrival and abs(best.offset_s) <= WRONG_STAMP_S:
-            self._used = None
+        if not self._by_arrival and not self._contradict(best):
             return []
         first, used = self._used is None, self._used
         if used is not None and abs(best.offset_s - used.offset_s) < max(FOLLOW_S, best.sigma_s / 2):
@@ -172,6 +175,17 @@ class CameraTime:
             return self._told(best)
         data = (("offset_s", best.offset_s), ("sigma_s", best.sigma_s))
         return [Notice(Severity.INFO, "camera's delay found", data=data)] if first else []
+
+    def _contradict(self, best: Offset) -> bool:
+        """Whether turns contradict the camera's own stamps, for long enough and alike; where they do not, stamps stay."""
+        if abs(best.offset_s) <= WRONG_STAMP_S:
+            self._used = self._contradicted = None
+            return False
+        since, turns = self._contradicted or (best, 0)
+        if abs(best.offset_s - since.offset_s) > SAME_SIGMAS * max(best.sigma_s, since.sigma_s):
+            since, turns = best, 0
+        self._contradicted = since, turns + 1
+        return turns + 1 >= LASTS_TURNS
 
     def _still_unknown(self) -> list[Command]:
         """Once: the flight has not turned enough to tell when frames are taken."""

@@ -5,6 +5,10 @@ rates at its end less those at its start, times the offset: nothing in steady fl
 rocks, banks or begins a turn. Each offset of a grid is a hypothesis whose likelihoods (Student's, so that a wrong turn costs it
 little) add up; the peak's curvature is the variance. What is older than some minutes counts less, and no hypothesis falls so far
 behind that it could not come back within a few turns.
+
+What an autopilot says is not how the vehicle turns: its attitude's error wanders, by something else at each offset. So a turn
+counts on each axis by that share of its variation from offset to offset which such errors do not make: where a vehicle flies
+straight on, by none.
 """
 
 from __future__ import annotations
@@ -25,7 +29,7 @@ OFFSETS_S: FloatArray = np.linspace(-REACH_S, REACH_S, 2 * round(REACH_S / STEP_
 DEGREES = 4.0
 """Of freedom of Student's distribution."""
 ATTITUDE_SIGMA_RAD = math.radians(0.06)
-"""1-sigma of the autopilot's turn between two frames, each axis."""
+"""1-sigma of the autopilot's turn between two frames, each axis, at least."""
 MOUNT_SIGMA_RAD = math.radians(1.5)
 """Of the camera's mounting and scale: a turn of an angle is seen off by so much of it."""
 WEIGHT = 0.7
@@ -48,6 +52,12 @@ NOISE_EVERY, NOISES_KEPT = 4, 10
 """Of so many turns one measures that noise; so many tell its median."""
 THIRD_DIFFERENCE, MEDIAN_OF_NORMAL = 20.0, 0.6745
 """Variance of 1, -3, 3, -1 times independent noise; median of its size over its 1-sigma."""
+WANDER_MARGIN = 1.5
+"""So many times its variance the wandering of an attitude's error makes of how the autopilot's turns vary between offsets."""
+WANDERS_KEPT, WANDER_EVERY = 24, 2
+"""So many turns tell that wandering; every so many it is looked at anew."""
+MEDIAN_OF_SQUARE = 0.455
+"""Median over mean of a normal error's squares."""
 MAX_GAP_NS = 150_000_000
 """Between attitudes further apart than this nothing is known."""
 
@@ -69,7 +79,11 @@ class TimeOffset:
         self._offsets_s = offsets_s
         self._earliest_ns = round((STEP_S - float(offsets_s[0])) * 1e9)
         self._score, self._fits, self._n = np.zeros(len(offsets_s)), np.zeros(len(offsets_s)), 0
+        self._slopes2, self._bends = np.zeros(len(offsets_s)), np.zeros(len(offsets_s))
         self._noises_rad2: deque[float] = deque(maxlen=NOISES_KEPT)
+        self._squares_rad2: deque[FloatArray] = deque(maxlen=WANDERS_KEPT)
+        self._others_rad2: deque[FloatArray] = deque(maxlen=WANDERS_KEPT)
+        self._wander_rad2 = np.full(3, ATTITUDE_SIGMA_RAD**2)
         self._t_ns: int | None = None
 
     def add(
@@ -104,16 +118,23 @@ class TimeOffset:
         peak = min(max(int(np.argmax(self._score)), 1), len(offsets_s) - 2)
         rate2 = sum(float(((at[peak + 1] - at[peak - 1]) ** 2).sum()) for at in (start, end)) / STEP_S**2
         angle = se3.angle_between(turn.q_from_to, (1.0, 0.0, 0.0, 0.0))
-        own = ATTITUDE_SIGMA_RAD**2 + NOISE_MARGIN * noise + (MOUNT_SIGMA_RAD * angle) ** 2 + sigma_s**2 * rate2
+        common = (MOUNT_SIGMA_RAD * angle) ** 2 + sigma_s**2 * rate2
         R = se3.R_from_quat(q_frd_cambody)
-        information = np.linalg.inv(R @ np.array(turn.cov_rad2) @ R.T + own * np.eye(3))
-        size2 = ((r @ information) * r).sum(1) + np.trace(information) * noise * (2 - of_start - of_end)
+        seen = R @ np.array(turn.cov_rad2) @ R.T
+        self._note_wander(r**2, np.asarray(np.diag(seen) + common + 2 * noise))
+        uneven, common = noise * (2 - of_start - of_end), common + NOISE_MARGIN * noise
+        size2 = _size2(r, seen + np.diag(self._wander_rad2 + common), uneven, _shares(r, self._wander_rad2 + 2 * noise))
+        plain2 = _size2(r, seen + (ATTITUDE_SIGMA_RAD**2 + common) * np.eye(3), uneven, np.ones(3))
         self._forget(turn.t_to_ns)
-        self._score += log_likelihood(size2)
+        says = log_likelihood(size2)
+        before, here, after = says[: -2 * NEAR], says[NEAR:-NEAR], says[2 * NEAR :]
+        self._slopes2[NEAR:-NEAR] += (after - before) ** 2
+        self._bends[NEAR:-NEAR] += 2 * here - before - after
+        self._score += says
         self._score -= self._score.max()
         np.maximum(self._score, -MOST_BEHIND, out=self._score)
         self._n += 1
-        self._fits += ((size2 <= FITS_SIGMAS**2) - self._fits) / min(self._n, RECENT)
+        self._fits += ((plain2 <= FITS_SIGMAS**2) - self._fits) / min(self._n, RECENT)
         return True
 
     def best(self) -> Offset:
@@ -129,13 +150,47 @@ class TimeOffset:
         curved = STEP_S**2 / bend if bend > 0 else REACH_S**2
         far = np.abs(np.arange(len(p)) - peak) > NEAR
         spread = float(p[far] @ (self._offsets_s[far] - at) ** 2)
-        sigma_s = math.sqrt(max(LEAST_SIGMA_S**2, min(curved, REACH_S**2)) + spread)
+        sigma_s = math.sqrt(max(LEAST_SIGMA_S**2, min(curved, REACH_S**2), self._scattered_s2(peak)) + spread)
         return Offset(at, sigma_s, float(self._fits[peak]))
+
+    def _scattered_s2(self, peak: int) -> float:
+        """Variance of an offset by how turns disagree about it, whatever each claims (White 1982, the sandwich): the squares of
+        their slopes NEAR cells about it over the square of their bends."""
+        bends = float(self._bends[peak])
+        if bends <= 0:
+            return REACH_S**2
+        variance = float(self._slopes2[peak]) * (NEAR * STEP_S / (2 * bends)) ** 2 / WEIGHT
+        return min(variance, REACH_S**2)
+
+    def _note_wander(self, squares_rad2: FloatArray, others_rad2: FloatArray) -> None:
+        """What the attitude's error changes by between two frames (variance on each axis): from the squares (M, 3) of what turns
+        differ by at each offset their median, at the offset where it is least, less what else makes them (3,)."""
+        self._squares_rad2.append(squares_rad2)
+        self._others_rad2.append(others_rad2)
+        if self._n % WANDER_EVERY == 0:
+            medians = np.median(np.array(self._squares_rad2), axis=0) / MEDIAN_OF_SQUARE
+            least = medians[int(np.argmin(medians.sum(1)))] - np.median(np.array(self._others_rad2), axis=0)
+            self._wander_rad2 = np.maximum(ATTITUDE_SIGMA_RAD**2, least)
 
     def _forget(self, t_ns: int) -> None:
         if self._t_ns is not None and t_ns > self._t_ns:
-            self._score *= math.exp(-(t_ns - self._t_ns) * 1e-9 / MEMORY_S)
+            left = math.exp(-(t_ns - self._t_ns) * 1e-9 / MEMORY_S)
+            self._score *= left
+            self._slopes2 *= left
+            self._bends *= left
         self._t_ns = t_ns
+
+
+def _shares(r: FloatArray, errs_rad2: FloatArray) -> FloatArray:
+    """(3,) shares of how differences (M, 3) vary from offset to offset that errors of variance `errs_rad2` (3,) do not make."""
+    return np.asarray(np.maximum(0.0, 1 - WANDER_MARGIN * errs_rad2 / np.maximum(r.var(0), 1e-18)))
+
+
+def _size2(r: FloatArray, covariance_rad2: FloatArray, uneven_rad2: FloatArray, shares: FloatArray) -> FloatArray:
+    """Squared sizes (M,) of differences (M, 3) in sigmas, of which each axis counts by its share, with the variance `uneven_rad2`
+    (M,) put back that interpolation took off them."""
+    information = np.linalg.inv(covariance_rad2) * np.sqrt(np.outer(shares, shares))
+    return np.asarray(((r @ information) * r).sum(1) + np.trace(information) * uneven_rad2)
 
 
 def log_likelihood(size2: FloatArray) -> FloatArray:

@@ -143,6 +143,22 @@ def test_stamps_of_its_own_that_are_wrong_are_corrected_and_told_once(late_s: fl
     assert (nn, ne, ee) == pytest.approx((1, 0.0, 1.0), abs=(20 * SURE_S) ** 2)
 
 
+def test_they_are_not_corrected_for_what_a_few_turns_say() -> None:
+    vehicle = Vehicle(0.0, own_clock=True)
+    turn, right = vehicle.turn, vehicle.attitude_at
+
+    def late_at_first(k: int, given: dict[int, FrameRef]) -> Turn | None:
+        vehicle.attitude_at = (lambda t_s: right(t_s - 0.1)) if k < 20 else right  # type: ignore[method-assign]
+        seen = turn(k, given)
+        vehicle.attitude_at = right  # type: ignore[method-assign]
+        return seen
+
+    vehicle.turn = late_at_first  # type: ignore[method-assign]
+    vehicle.fly(60)
+    assert vehicle.told == []
+    assert vehicle.camera.estimate.offset_s == pytest.approx(0.0, abs=0.005)
+
+
 def test_stamps_that_are_no_arrivals_stay_too() -> None:
     camera = CameraTime(ClockOffset(), AttitudeBuffer())
     for k in range(60):

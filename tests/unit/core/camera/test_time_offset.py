@@ -35,17 +35,22 @@ def seen(
     offset: TimeOffset | None = None,
     start_s: float = 10.0,
     attitude_noise_rad: float = 0.0,
+    wander_rad: float = 0.0,
 ) -> TimeOffset:
-    """Turns of frames that were taken `offset_s` after their stamps; `attitude_noise_rad` is new in each attitude."""
+    """Turns of frames that were taken `offset_s` after their stamps; `attitude_noise_rad` is new in each attitude, and by
+    `wander_rad` its error changes between two frames."""
     rng = np.random.default_rng(seed)
     draw = Random(seed)
     offset = offset or TimeOffset()
     attitude = AttitudeBuffer()
-    sent_s = start_s - 2
+    sent_s, error = start_s - 2, np.zeros(3)
     for k in range(round(seconds / 0.25)):
         stamps = start_s + 0.25 * k, start_s + 0.25 * (k + 1)
         while sent_s < stamps[1] + 1:
-            x, y, z = (rng.normal(0, attitude_noise_rad, 3) / 2).tolist() if attitude_noise_rad else (0.0, 0.0, 0.0)
+            if wander_rad:
+                error += rng.normal(0, wander_rad * math.sqrt(0.02 / 0.25), 3)
+            new = rng.normal(0, attitude_noise_rad, 3) if attitude_noise_rad else 0.0
+            x, y, z = ((error + new) / 2).tolist()
             told = se3.quat_multiply(attitude_at(sent_s, rocking_rad), se3.normalised((1.0, x, y, z)))
             attitude.add(round(sent_s * S), told, (0.0, 0.0, 0.0))
             sent_s += 0.02
@@ -83,6 +88,26 @@ def test_what_attitudes_err_by_anew_in_each_sample_shows_no_offset(rocking_rad: 
 
 def test_it_is_found_beside_noise_by_a_vehicle_that_rocks_enough() -> None:
     best = seen(-0.1, 0.04, 120.0, attitude_noise_rad=math.radians(0.05)).best()
+    assert best.sigma_s < 0.01
+    assert abs(best.offset_s + 0.1) < 0.01
+
+
+@pytest.mark.parametrize("wander_deg", [0.1, 0.2])
+def test_an_attitude_whose_error_wanders_shows_no_offset_in_straight_flight(wander_deg: float) -> None:
+    claimed = []
+    for seed in range(4):
+        offset, start_s = TimeOffset(), 10.0
+        for block in range(8):
+            wander_rad = math.radians(wander_deg)
+            seen(0.0, 0.001, 10.0, seed=100 * seed + block, offset=offset, start_s=start_s, wander_rad=wander_rad)
+            best = offset.best()
+            claimed.append(abs(best.offset_s) / best.sigma_s)
+            start_s += 10.0
+    assert float(np.sqrt(np.mean(np.square(claimed)))) < 2.0
+
+
+def test_it_is_found_beside_such_an_error_by_a_vehicle_that_rocks() -> None:
+    best = seen(-0.1, 0.04, 30.0, wander_rad=math.radians(0.2)).best()
     assert best.sigma_s < 0.01
     assert abs(best.offset_s + 0.1) < 0.01
 
