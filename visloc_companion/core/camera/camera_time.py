@@ -36,6 +36,8 @@ WRONG_STAMP_S = 0.04
 """Stamps of the camera's own are contradicted beyond this."""
 LASTS_TURNS, SAME_SIGMAS = 12, 2.0
 """So many turns after each other have to contradict them, with offsets that agree within so many sigmas."""
+CLEAR_SIGMAS = 10.0
+"""Stamps that are off by so many sigmas more than that are contradicted before the offset is as sure as others have to be."""
 LEAST_FITS = 0.6
 """Of recent turns an offset has to explain so many before frames are moved by one that no ordinary camera has. In simulated
 flights it was 0.79 to 1 with right cameras and 0.70 with a lens that is 10 % off; with cameras that are mounted 30 degrees off
@@ -158,7 +160,7 @@ class CameraTime:
         best, far = self._offset.best(), self._far.best()
         if far.sigma_s <= SURE_S and abs(far.offset_s) > LARGEST_S:
             best = far
-        if best.sigma_s > SURE_S:
+        if best.sigma_s > self._sure_s(best.offset_s):
             self._contradicted = None
             return []
         ordinary = self._by_arrival and abs(best.offset_s) <= LARGEST_S and not self.wrong
@@ -175,6 +177,10 @@ class CameraTime:
             return self._told(best)
         data = (("offset_s", best.offset_s), ("sigma_s", best.sigma_s))
         return [Notice(Severity.INFO, "camera's delay found", data=data)] if first else []
+
+    def _sure_s(self, offset_s: float) -> float:
+        """Largest 1-sigma with which an offset is used."""
+        return SURE_S if self._by_arrival else max(SURE_S, (abs(offset_s) - WRONG_STAMP_S) / CLEAR_SIGMAS)
 
     def _contradict(self, best: Offset) -> bool:
         """Whether turns contradict the camera's own stamps, for long enough and alike; where they do not, stamps stay."""
