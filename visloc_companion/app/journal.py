@@ -31,7 +31,7 @@ from mcap.writer import CompressionType, Writer
 
 from visloc_companion.app import journal_lock
 from visloc_companion.app.journal_end import abandon
-from visloc_companion.app.journal_header import OTHER_VERSION, JournalHeader, header_of, require_own
+from visloc_companion.app.journal_header import OTHER_VERSION, JournalHeader, OtherProgramsError, header_of, require_own
 from visloc_companion.app.salvage import OnDamage, Record, read_records
 from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, from_dict, json_schema, to_json
 from visloc_companion.errors import JournalError, fault_text
@@ -105,11 +105,11 @@ def header_left(path: Path) -> JournalHeader:
     """The first record, or one that says nothing where damage took it. Raises JournalError where nothing at all is left."""
     try:
         return read_header(path)
+    except OtherProgramsError:
+        raise
     except JournalError:
-        topics = {record.topic for record in _records(path, True, None)}
-        if not topics:
+        if next(_records(path, True, None), None) is None:
             raise
-        require_own(topics, path)
         return JournalHeader({})
 
 

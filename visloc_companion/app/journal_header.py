@@ -15,6 +15,10 @@ _OWN = ("/header", "/event/", "/command/", "/mavlink/", "/shell/Notice", "/camer
 _KINDS = {"configuration": dict, "versions": dict, "map_manifest_sha256": str, "map_signed_by": str}
 
 
+class OtherProgramsError(JournalError):
+    """An MCAP file that holds nothing of a journal."""
+
+
 @dataclass(frozen=True, slots=True)
 class JournalHeader:
     """First record: what flew. `started_ns` (shell's clock) and `started_unix_ns` are the same instant."""
@@ -47,12 +51,12 @@ def header_of(data: Any, path: Path) -> JournalHeader:
 
 def require_own(topics: Set[str | None], path: Path) -> None:
     """Refuse an MCAP file all of whose topics are known (None is one that is not) and none of them a journal's: robots record in
-    that format, too. Raises JournalError."""
+    that format, too. Raises OtherProgramsError."""
     named = sorted(topic for topic in topics if topic is not None)
     if len(named) < len(topics) or not named or any(topic.startswith(_OWN) for topic in named):
         return
     others = f" and {len(named) - 1} more" if len(named) > 1 else ""
-    raise JournalError(
+    raise OtherProgramsError(
         f"is an MCAP file of another program: it holds the topic {named[0]}{others}",
         where=str(path),
         remedy="name a journal that visloc wrote, or the autopilot's own log (.tlog, .bin, .ulg)",

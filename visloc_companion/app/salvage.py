@@ -84,10 +84,8 @@ def read_records(data: bytes | mmap, where: str, on_damage: OnDamage, *, written
             opcode, end = _frame(data, position)
             messages = list(_chunk(data[position + _RECORD.size : end], topics)) if opcode == Opcode.CHUNK else []
         except _DamageError as why:
-            of_writer = (
-                (f" ({'it is being written' if written else 'the writer was killed'})") if isinstance(why, _CutError) else ""
-            )
-            on_damage(f"byte {position}: {why}{of_writer}")
+            writer = "it is being written" if written else "the writer was killed"
+            on_damage(f"byte {position}: {why}{f' ({writer})' if isinstance(why, _CutError) else ''}")
             following = _next_chunk(data, position + 1)
             if following is None or _another_begins(data, position, following, on_damage):
                 return

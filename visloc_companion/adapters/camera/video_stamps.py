@@ -29,10 +29,11 @@ def frame_count(video: Path, expected: int) -> int:
     """
     capture = cv2.VideoCapture(str(video))
     stated = round(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-    capture.set(cv2.CAP_PROP_POS_FRAMES, expected - 1)
-    ends_there = capture.grab() and not capture.grab()
-    capture.release()
-    return expected if stated == _packets(video) == expected and ends_there else len(stamps_us(video)[0])
+    if stated == expected == _packets(video):
+        capture.set(cv2.CAP_PROP_POS_FRAMES, expected - 1)
+        if capture.grab() and not capture.grab():
+            return expected
+    return len(stamps_us(video)[0])
 
 
 def _packets(video: Path) -> int:
