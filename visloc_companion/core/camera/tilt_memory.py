@@ -73,8 +73,9 @@ class _Stretch:
 
 
 class Told(NamedTuple):
-    """Of the tilt of a fix, as it is known with what that fix sees: the mounting's 1-sigma on each axis (rad); by how much the
-    variance on each axis is larger than its localiser can know (rad²), which takes the slope of the ground in view for news,
+    """Of the tilt of a fix, as it is known with what that fix sees: what it errs by the mounting, 1-sigma on each axis (rad),
+    which is little where the picture tells the tilt, for the attitude is then held to err by as much the other way; by how much
+    the variance on each axis is larger than its localiser can know (rad²), which takes the slope of the ground in view for news,
     though earlier fixes took the same slope for a tilt; and the rotation about north and east (rad) that sets right what it
     made of that, where it did not know how the ground slopes."""
 
@@ -159,14 +160,14 @@ class TiltMemory:
         before = self._seen(fix, fix.tilt, asked.H, v_ne_mps, height_m)
         seen, blocks = np.array(fix.tilt.turn_ne_rad), np.array(fix.tilt.cov_rad2)
         kept = blocks @ np.linalg.inv(asked.told_rad2 * UNIT + blocks)  # of what was told; the rest is the picture's
-        errs_rad2, (north, east) = _by_localiser(before.P, before.H, before.R, kept), (0.0, 0.0)
+        (errs_rad2, by_mounting), (north, east) = _by_localiser(before, kept), (0.0, 0.0)
         x, P = before.learnt(seen) or (before.x, before.P)
         if float(np.linalg.eigvalsh(blocks)[0]) >= LAND_RAD**2:  # whoever knows the surface sees more of a tilt, and errs anew
             north, east = (asked.H @ x[TILT] - kept @ asked.turn_ne_rad - (UNIT - kept) @ seen).tolist()
-            errs_rad2 = asked.H @ P[TILT, TILT] @ asked.H.T
+            errs_rad2, by_mounting = asked.H @ P[TILT, TILT] @ asked.H.T, 1.0
         more = float(np.trace(errs_rad2 - asked.told_rad2 * kept)) / 2
         mounting_rad2 = float(np.trace(P[MOUNTING, MOUNTING])) / 2
-        return Told(math.sqrt(max(0.0, mounting_rad2)), max(0.0, more), (north, east))
+        return Told(by_mounting * math.sqrt(max(0.0, mounting_rad2)), max(0.0, more), (north, east))
 
     def asked(self, request: LocaliseRequest, q_ned_frd: Quat) -> None:
         """Remember the attitude of the vehicle, and that of the camera's body, that a request's prior has."""
@@ -323,12 +324,15 @@ def _learnt(x: FloatArray, P: FloatArray, H: FloatArray, y: FloatArray, R: Float
     return x + gain @ y, left @ P @ left.T + gain @ R @ gain.T
 
 
-def _by_localiser(P: FloatArray, H: FloatArray, R: FloatArray, kept: FloatArray) -> FloatArray:
-    """(2, 2) what the tilt errs by that a localiser makes of a fix of H (2, 10) and the covariance R (2, 2) of what is new in it;
-    `kept` (2, 2): what it has of the tilt that was told."""
-    of_fix, by_picture = kept @ H, UNIT - kept
+def _by_localiser(seen: _Seen, kept: FloatArray) -> tuple[FloatArray, float]:
+    """(2, 2) what the tilt errs by that a localiser makes of a fix, and by how much of the mounting's error, 0 to 1: its
+    regression on that, in the mean of both axes. `kept` (2, 2): what it has of the tilt that was told."""
+    (_, P, H, R), by_picture = seen, UNIT - kept
+    of_fix, turned = kept @ H, H[:, MOUNTING]
     of_fix[:, IN_COMMON] -= H[:, IN_COMMON]
-    return np.asarray(of_fix @ P @ of_fix.T + by_picture @ R @ by_picture.T)
+    of_mounting = of_fix @ P[:, MOUNTING] @ np.linalg.inv(P[MOUNTING, MOUNTING])
+    by_mounting = float(np.vdot(turned, of_mounting) / np.vdot(turned, turned))
+    return of_fix @ P @ of_fix.T + by_picture @ R @ by_picture.T, min(1.0, max(0.0, by_mounting))
 
 
 def _unexpected(nis: float, S: FloatArray) -> FloatArray:

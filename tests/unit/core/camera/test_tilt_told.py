@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.unit.core.camera.test_tilt_memory import FAST, HEIGHT_M, LEVEL, STATED_RAD, STILL, fix_of, request_of
-from visloc_companion.core.camera.tilt_memory import NOTHING_TOLD, TiltMemory
+from visloc_companion.core.camera.tilt_memory import ATTITUDE_S, ATTITUDE_SIGMA_RAD, MOUNTING, NOTHING_TOLD, TiltMemory
 from visloc_companion.types import Fix, FloatArray
 
 
@@ -85,3 +85,45 @@ def test_the_first_fix_is_as_its_localiser_has_it() -> None:
     memory, _ = seen_again((1.6,), 1, STILL)
     told = memory.told(fix_of(1, np.radians([1.0, -0.5]), 0.25, math.radians(1.6)), STILL, HEIGHT_M)
     assert np.abs(told.turn_ne_rad).max() < math.radians(0.02)
+
+
+def test_little_of_the_mounting_is_in_a_fix_whose_picture_tells_the_tilt() -> None:
+    """The sum of mounting and attitude is seen, so that where the one is held wrong the other is by as much the other way."""
+    parts_rad = []
+    for claims_deg in (0.15, 0.5, 1.6):
+        memory, fix = seen_again((claims_deg,), 80, FAST)
+        parts_rad.append(memory.told(fix, FAST, HEIGHT_M).mounting_rad)
+    sure, usual, by_slope = parts_rad
+    assert sure < 0.25 * by_slope
+    assert usual < 0.5 * by_slope
+
+
+def by_known_ground(seed: int) -> FloatArray:
+    """(K, 2, 3) of fixes over ground of known heights, whose errors go by with the way: on each axis by how much the tilt is off
+    that its localiser makes of each, the mounting that the memory has less the true one, and what is told of that, rad."""
+    rng, memory, found = np.random.default_rng(seed), TiltMemory(STATED_RAD), []
+    mounting = rng.normal(0, math.sqrt(STATED_RAD**2 - ATTITUDE_SIGMA_RAD**2), 2)
+    attitude, ground = rng.normal(0, ATTITUDE_SIGMA_RAD, 2), np.zeros(2)
+    kept, alike = math.exp(-0.5 / ATTITUDE_S), math.exp(-0.5 * 10.0 / 60.0)
+    for k in range(1, 80):
+        attitude = kept * attitude + math.sqrt(1 - kept**2) * rng.normal(0, ATTITUDE_SIGMA_RAD, 2)
+        ground = alike * ground + math.sqrt(1 - alike**2) * rng.normal(0, SEEN_RAD, 2)
+        known, request = memory.known(k * 500_000_000, LEVEL), request_of(k, LEVEL, 0.5 * k)
+        memory.asked(replace(request, prior=replace(request.prior, tilt=known)), LEVEL)
+        fix = fix_of(k, mounting + attitude + ground, 0.5 * k, SEEN_RAD)
+        part_rad = memory.told(fix, FAST, HEIGHT_M).mounting_rad
+        if known is not None and fix.tilt is not None:
+            by_picture = known.sigma_rad**2 / (known.sigma_rad**2 + SEEN_RAD**2)
+            off = known.turn_ne_rad + by_picture * np.subtract(fix.tilt.turn_ne_rad, known.turn_ne_rad) - mounting - attitude
+            found.append(np.stack([off, memory._x[MOUNTING] - mounting, np.full(2, part_rad)], axis=-1))
+        memory.taken(fix, FAST, HEIGHT_M)
+    return np.array(found)
+
+
+def test_the_mountings_part_is_what_fixes_over_known_ground_err_by_it() -> None:
+    flights = np.stack([by_known_ground(seed) for seed in range(200)])[:, 40:]
+    off, held, part_rad = flights[..., 0], flights[..., 1], float(flights[..., 2].mean())
+    mounting_rad = math.sqrt((held**2).mean())
+    shown_rad = float((off * held).mean()) / mounting_rad
+    assert part_rad < 0.5 * mounting_rad
+    assert 0.6 * part_rad < shown_rad < 1.2 * part_rad
