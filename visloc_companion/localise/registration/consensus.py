@@ -43,29 +43,73 @@ class Consensus:
     trust: FloatArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Beside:
+    """(V, U) `nats`: the likelihood of a place and of those beside it, as if a block's cells were independent; (V, U, 2) `at_m`:
+    how far these are, east and north of the reference."""
+
+    nats: FloatArray
+    at_m: FloatArray
+
+
 def consensus(source: SourceCells, relief: Surface, T: FloatArray) -> Consensus:
     """What the source's blocks say of the reference's relief about where T (4, 4) puts them."""
+    laid = _laid(source, relief, T)
+    score = laid.nats()
+    if score.max() <= 0:  # nothing resembles anything, as on a level
+        score[laid.margin, laid.margin] = 1
+    v, u = divmod(int(np.argmax(score)), laid.wide)
+    right, down = peak_offset(score, v, u)
+    cells = np.array([u + right, v + down]) - laid.margin
+    trust = laid.shifted(v, u).trust().reshape([n // laid.side for n in laid.own.shape])
+    trust = trust[source.rows // laid.side, source.cols // laid.side]
+    shift_m = T[:2, :2] @ (cells * relief.heights.cell_m)
+    return Consensus(shift_m, np.maximum(trust / max(float(trust.max()), 1e-12), LEAST_TRUST))
+
+
+def beside(source: SourceCells, relief: Surface, T: FloatArray) -> Beside:
+    """How likely the source's blocks make where T (4, 4) puts them, and what is up to APART_M beside on either axis."""
+    laid = _laid(source, relief, T)
+    u, v = np.meshgrid(*[np.arange(-laid.margin, laid.margin + 1) * relief.heights.cell_m] * 2)
+    return Beside(laid.nats(), np.asarray(np.stack([u, v], -1) @ T[:2, :2].T, dtype=np.float64))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Laid:
+    """The source's relief (rows, cols) in whole blocks of `side` cells, which of it is `known`, and the reference's on these
+    cells with `margin` more on each side, and where that is known."""
+
+    own: Float32Array
+    known: Float32Array
+    beside: Float32Array
+    there: Float32Array
+    side: int
+    margin: int
+
+    @property
+    def wide(self) -> int:
+        """Shifts on an axis."""
+        return 2 * self.margin + 1
+
+    def shifted(self, v: int, u: int) -> _Blocks:
+        """The blocks at a shift; (margin, margin) is none."""
+        rows, cols = self.own.shape
+        window = (slice(v, v + rows), slice(u, u + cols))
+        of_block = _of_block(rows, self.side), _of_block(cols, self.side)
+        return _compared(self.own, self.beside[window], self.known * self.there[window], of_block)
+
+    def nats(self) -> FloatArray:
+        """(wide, wide) likelihood of every shift."""
+        return np.array([[self.shifted(v, u).nats() for u in range(self.wide)] for v in range(self.wide)])
+
+
+def _laid(source: SourceCells, relief: Surface, T: FloatArray) -> _Laid:
     cell = relief.heights.cell_m
     side, margin = max(4, round(BLOCK_M / cell)), math.ceil(APART_M / cell)  # what is farther is another place
     rows, cols = (-(-n // side) * side for n in source.shape)
     known, own = np.zeros((2, rows, cols), np.float32)
     known[source.rows, source.cols], own[source.rows, source.cols] = 1, source.relief_m
-    beside, there = _beside(source, relief, T, (rows, cols), margin)
-    wide = 2 * margin + 1
-    of_block = _of_block(rows, side), _of_block(cols, side)
-
-    def shifted(v: int, u: int) -> _Blocks:
-        window = (slice(v, v + rows), slice(u, u + cols))
-        return _compared(own, beside[window], known * there[window], of_block)
-
-    score = np.array([[shifted(v, u).likelihood() for u in range(wide)] for v in range(wide)])
-    if score.max() <= 0:  # nothing resembles anything, as on a level
-        score[margin, margin] = 1
-    v, u = divmod(int(np.argmax(score)), wide)
-    right, down = peak_offset(score, v, u)
-    cells = np.array([u + right, v + down]) - margin
-    trust = shifted(v, u).trust().reshape(rows // side, cols // side)[source.rows // side, source.cols // side]
-    return Consensus(T[:2, :2] @ (cells * cell), np.maximum(trust / max(float(trust.max()), 1e-12), LEAST_TRUST))
+    return _Laid(own, known, *_beside(source, relief, T, (rows, cols), margin), side, margin)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,9 +120,9 @@ class _Blocks:
     correlation: FloatArray
     variance: FloatArray
 
-    def likelihood(self) -> float:
-        """Of the shift; the scale is no matter."""
-        return -float(self.number @ np.log(1 - np.square(self.correlation)))
+    def nats(self) -> float:
+        """Likelihood of the shift."""
+        return -0.5 * float(self.number @ np.log(1 - np.square(self.correlation)))
 
     def trust(self) -> FloatArray:
         """(B,) the inverse of the variance that the reference leaves, of those that resemble it."""

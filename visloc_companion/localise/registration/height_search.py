@@ -24,7 +24,8 @@ MOST_WORK = 2e9
 class HeightSearchRegistration:
     """As base.RegistrationMethod. A search of more than `most_work` (search.work) is declined.
 
-    `by_score`: the candidate of the highest score is taken, and nothing is searched twice, for claims that rest on it alone.
+    `by_score`: the candidate of the highest score is taken, and nothing is searched twice; what is alike beside it is told by
+    the blocks that have not changed. The claims of stereo clouds rest on that (structure/claims.py).
     """
 
     def __init__(self, max_probability_wrong: float, most_work: float = MOST_WORK, *, by_score: bool = False) -> None:
@@ -60,7 +61,7 @@ class HeightSearchRegistration:
             return NotRegistered(Reason.REFINEMENT_DIVERGED, what)
         rest = [s for s in settled if s is not found] + besides
         ground_lead = 0.0 if choice is None else choice.ground_lead(best)
-        return settler.answer(best, rest, scores, headings, self.max_probability_wrong, ground_lead)
+        return settler.answer(best, rest, scores, headings, self.max_probability_wrong, ground_lead, self.by_score)
 
 
 def _with_turned(settled: list[Settled], settler: Settler, choice: Choice | None) -> tuple[Settled, Headings]:

@@ -23,7 +23,7 @@ from visloc_companion.localise.registration.headings import (
     is_turned,
     starts,
 )
-from visloc_companion.localise.registration.nearby import spread_m2
+from visloc_companion.localise.registration.nearby import of_blocks, spread_m2
 from visloc_companion.localise.registration.pair import Pair, make_pair
 from visloc_companion.localise.registration.polish import polish
 from visloc_companion.localise.registration.refine import Refined, refine
@@ -112,9 +112,10 @@ class Settler:
         headings: Headings,
         max_probability_wrong: float,
         ground_lead: float = 0.0,
+        by_blocks: bool = False,
     ) -> Registered | NotRegistered:
         """The claim for the best of the candidates, against what else scores well, also turned, and the rest of them, which are
-        refined too; `ground_lead` as Evidence."""
+        refined too; `ground_lead` as Evidence. `by_blocks`: those that have not changed say what is alike beside it, not all."""
         T, apart = best.refined.T, apart_rad(self.pair)
         here = moved(T, self.pair.centre_m)[:2]
         others = [s for s in rest if are_two(self.pair, s.refined.T, T)]
@@ -127,12 +128,14 @@ class Settler:
             headings.rival(refined_yaws, apart),
         )
         placed = best.refined.placed.copy()
-        placed[:2, :2] += spread_m2(self.pair, scores, here, self.prior)
+        blocks_lead, blocks_m2 = of_blocks(self.cells, self._near(T)[1], T) if by_blocks else (0.0, None)
+        placed[:2, :2] += spread_m2(self.pair, scores, here, self.prior) if blocks_m2 is None else blocks_m2
         refined = replace(best.refined, placed=placed)
         rivals = rival, max([unrefined, *away])
         turned = [s.refined.T for s in others if is_turned(self.pair, s.refined.T, T, MOST_APART_RAD)]
         ground_lead = 0.0 if turned else ground_lead  # the best heading of a place is all that the ground was asked for
         evidence = evidence_of(self.pair, best.found, refined, rivals, turned, scores.unseen, self.prior, ground_lead)
+        evidence = replace(evidence, blocks_lead=blocks_lead)
         return answer(self._with_rounding(refined), evidence, self.prior, max_probability_wrong)
 
     def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:

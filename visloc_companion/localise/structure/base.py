@@ -42,9 +42,9 @@ class StereoSettings:
     go on from each other over what was overflown. `max_blur_px`: where too
     little is found, a smear of a larger 1-sigma is given as the reason. Frames of more than `working_px` pixels are reduced.
     Tracks: spacing of corners, their least number and measuring error. Matching: half-width of the window of the sub-pixel step,
-    least correlation of a window, largest 1-sigma of a disparity. Cloud: side of the cells that keep one point of the upper
-    surface (0: two pixels on the ground), least number of points, least share of the common ground that has points, largest
-    median 1-sigma of the heights as a share of the height above ground.
+    least correlation and half-width of its window, largest 1-sigma of a disparity. Cloud: side of the cells that keep one point
+    of the upper surface (0: two pixels on the ground), least number of points, least share of the common ground that has points,
+    largest median 1-sigma of the heights as a share of the height above ground.
     """
 
     overlap: tuple[float, float] = (0.5, 0.8)
@@ -59,7 +59,8 @@ class StereoSettings:
     min_tracks: int = 30
     sigma_track_px: float = 0.25
     window_half_px: int = 3
-    min_correlation: float = 0.5
+    min_correlation: float = 0.7
+    correlation_half_px: int = 5
     max_sigma_px: float = 0.7
     cell_m: float = 0.0
     min_points: int = 500

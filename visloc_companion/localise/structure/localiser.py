@@ -42,7 +42,7 @@ sees the wall (ray-cast houses, pixels of 0.4 m)."""
 SURFACE_SHARE = 0.04
 """The surface below the camera is known to this share of the height above it: where the prior's error puts it, in another season
 (seeds below 100 of benchmarks/structure_chain.py)."""
-STEREO = StereoSettings(cell_m=0.5, min_completeness=0.1, max_sigma_share=0.01)
+STEREO = StereoSettings(cell_m=0.5, min_completeness=0.05, max_sigma_share=0.01)
 """Points are no closer than the map's shape is known. Thin and noisy clouds (snow) go on: the registration is judged."""
 
 

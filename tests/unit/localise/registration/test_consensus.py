@@ -11,6 +11,7 @@ import pytest
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.consensus import LEAST_TRUST, consensus
 from visloc_companion.localise.registration.height_map import HeightMap, high_passed
+from visloc_companion.localise.registration.nearby import of_blocks
 from visloc_companion.localise.registration.polish import polish
 from visloc_companion.localise.registration.refine import refine
 from visloc_companion.localise.registration.similarity import moved
@@ -76,6 +77,30 @@ def test_what_changed_moves_the_place_no_more() -> None:
         claimed.append(np.sqrt(np.diag(last.placed)[:2]))
     assert np.sqrt(np.mean(np.square(off))) < 0.5 * np.sqrt(np.mean(np.square(of_all)))
     assert np.sqrt(np.mean(np.square(np.array(off) / claimed))) < 1.5
+
+
+@pytest.mark.parametrize("columns", [0, 48, 64])
+def test_blocks_favour_the_place_over_those_beside_it_however_much_has_changed(columns: int) -> None:
+    cells, _, relief, _ = changed_land(1, columns)
+    T = np.eye(4)
+    T[:2, 3] = SHIFT
+    lead, spread_m2 = of_blocks(cells, relief, T)
+    assert lead > 30
+    np.testing.assert_allclose(spread_m2, 0, atol=1e-6)
+
+
+def test_a_place_beside_the_one_that_blocks_favour_is_as_uncertain_as_that_is_far() -> None:
+    cells, _, relief, _ = changed_land(1)
+    T = np.eye(4)
+    T[:2, 3] = SHIFT + np.array([4.0, 0.0])
+    lead, spread_m2 = of_blocks(cells, relief, T)
+    assert lead < -30
+    np.testing.assert_allclose(spread_m2, np.diag([16.0, 0.0]), atol=0.1)
+
+
+def test_where_nothing_is_as_it_was_blocks_favour_no_place() -> None:
+    cells, _, relief, _ = changed_land(1, 96)
+    assert of_blocks(cells, relief, np.eye(4))[0] < 5
 
 
 def test_a_level_field_says_nothing() -> None:

@@ -41,9 +41,12 @@ def clouds(heights: Heights, shift_m: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 @pytest.mark.parametrize("heights", [dam, orchard])
 @pytest.mark.parametrize("shift_m", [(-2.0, 2.5), (2.2, -2.4)])
-def test_what_is_alike_within_the_prior_is_claimed_and_refused_in_flight(heights: Heights, shift_m: tuple[float, float]) -> None:
+@pytest.mark.parametrize("by_score", [False, True])
+def test_what_is_alike_within_the_prior_is_claimed_and_refused_in_flight(
+    heights: Heights, shift_m: tuple[float, float], by_score: bool
+) -> None:
     source, reference = clouds(heights, np.array(shift_m))
-    found = HeightSearchRegistration(1.0)(source, reference, PRIOR)
+    found = HeightSearchRegistration(1.0, by_score=by_score)(source, reference, PRIOR)
     assert isinstance(found, Registered)
     middle = np.array([-shift_m[0], -shift_m[1], 0.0])
     off = moved(found.T_reference_source, middle)[:2]

@@ -5,7 +5,7 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered
-from visloc_companion.localise.structure.claims import HELD_M, LEAST_OVERLAP, LOOSE_M, MOST_BOWL_M, judged
+from visloc_companion.localise.structure.claims import ENOUGH_NATS, HELD_M, LEAST_OVERLAP, LOOSE_M, MOST_BOWL_M, judged
 
 
 def registered(
@@ -15,6 +15,7 @@ def registered(
     overlap: float = 1.0,
     formal_sigma_m: float = 0.3,
     bowl_m: float = 0.4,
+    blocks_lead: float = ENOUGH_NATS,
 ) -> Registered:
     named = {
         "correlation": correlation,
@@ -23,6 +24,7 @@ def registered(
         "refined_rival": rival,
         "formal_sigma_m": formal_sigma_m,
         "bowl_m": bowl_m,
+        "blocks_lead": blocks_lead,
     }
     return Registered(np.eye(4), np.eye(3), 0.01, 0.01, 0.5, tuple(named.items()))
 
@@ -86,3 +88,16 @@ def test_a_place_that_only_a_bent_cloud_fits_is_refused_however_far_it_leads(ben
     assert isinstance(found, NotRegistered)
     assert found.reason is Reason.INCONSISTENT_WITH_PRIOR
     assert isinstance(judged(registered(0.7, 0.3, bowl_m=bend * MOST_BOWL_M / 1.2), 1.0), Registered)
+
+
+def test_a_place_that_unchanged_blocks_do_not_favour_over_those_beside_is_refused() -> None:
+    """Seed 131, case 4 of benchmarks/changed_land.py: 10 m off, claimed 0.7 m, 0.15 ahead of all others."""
+    odd = judged(registered(0.179, 0.0, 0.029, formal_sigma_m=0.44, bowl_m=-0.41, blocks_lead=9.1), 0.05)
+    assert isinstance(odd, NotRegistered)
+    assert odd.reason is Reason.AMBIGUOUS
+
+
+def test_what_blocks_lack_counts_against_a_place_and_more_than_enough_counts_for_none() -> None:
+    wrong = [probability(0.45, 0.35, 0.0, 1.0, 0.3, 0.4, nats) for nats in (6.0, 10.0, ENOUGH_NATS, 10 * ENOUGH_NATS)]
+    assert wrong[0] > wrong[1] > wrong[2] == wrong[3]
+    assert wrong[2] < 0.05 < wrong[0]
