@@ -6,7 +6,7 @@ The first record is the effective configuration with versions and the map's hash
 gap tells that records were dropped.
 
 A thread writes, so a slow disk never holds the event loop. Chunks are at most 256 kB and are flushed to the disk every
-second. A full disk ends the journal with one report; the flight goes on.
+second. A disk that is full, fails or became read-only is told, and tried again: the journal goes on once it takes what waits.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
@@ -31,15 +31,18 @@ from mcap.writer import CompressionType, Writer
 
 from visloc_companion.app import journal_lock
 from visloc_companion.app.journal_end import abandon
-from visloc_companion.app.journal_header import OTHER_VERSION, JournalHeader, OtherProgramsError, header_of, require_own
+from visloc_companion.app.journal_header import JournalHeader, OtherProgramsError, header_of, require_own
+from visloc_companion.app.journal_payload import BINARY, FRAME, HEADER, MAVLINK_IN, MAVLINK_OUT, NOTICE, parsed, payload, thing_of
+from visloc_companion.app.journal_stream import JournalStream
 from visloc_companion.app.salvage import OnDamage, Record, read_records
-from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, from_dict, json_schema, to_json
-from visloc_companion.errors import JournalError, fault_text
+from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, json_schema
+from visloc_companion.errors import JournalError, fault_text, is_of_the_disk
 from visloc_companion.types import Command, Event, FrameRef, Image, Notice
 
 CHUNK_BYTES = 240 * 1024
 _FLUSH_S = 1.0
 _CLOSE_S = 10.0
+_TRY_AGAIN_S = 5.0
 _QUEUE = 8192
 _FRAMES_QUEUED = 4
 _MESSAGE_OVERHEAD_BYTES = 56
@@ -47,8 +50,6 @@ _SUMMARY_BYTES, _SUMMARY_CHUNK_BYTES = 131_072, 640
 """Space kept for the summary at the end of the file: channels and schemas, and the index of a chunk."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 """Tells a frame whose channel was described in a chunk that was lost."""
-_parse = json.JSONDecoder().raw_decode
-_HEADER, _MAVLINK_IN, _MAVLINK_OUT, _NOTICE, _FRAME = "/header", "/mavlink/in", "/mavlink/out", "/shell/Notice", "/camera/png"
 _OF_TYPES = ("/event/", "/command/")
 
 
@@ -74,18 +75,18 @@ def read_journal(
     commands. Raises JournalError for a file that is no journal.
     """
     topics: tuple[str, ...] = _OF_TYPES if commands else _OF_TYPES[:1]
-    topics = (*topics, _NOTICE) if shell else topics
+    topics = (*topics, NOTICE) if shell else topics
     expected: int | None = None
     for record in _records(path, salvage, on_damage):
         if expected is not None and record.sequence != expected and on_damage is not None:
             on_damage(f"{(record.sequence - expected) % 2**32} records are missing before number {record.sequence}")
         expected = (record.sequence + 1) % 2**32
         if record.topic is None or record.topic.startswith(topics):
-            data = _parsed(record, path)
+            data = parsed(record, path)
             name = data.get("type") if isinstance(data, dict) else None
             if record.topic is None and name not in EVENT_TYPES and name not in COMMAND_TYPES:
                 continue  # the chunk that described this channel was lost, and what is in it is no event
-            thing = _thing(data, record, path)
+            thing = thing_of(data, record, path)
             yield Entry(record.log_time_ns, *((thing, None) if name in EVENT_TYPES else (None, thing)))
 
 
@@ -93,8 +94,8 @@ def read_header(path: Path) -> JournalHeader:
     """The first record. Raises JournalError where there is none."""
     topics: set[str | None] = set()
     for record in _records(path, True, None):
-        if record.topic == _HEADER:
-            return header_of(_parsed(record, path), path)
+        if record.topic == HEADER:
+            return header_of(parsed(record, path), path)
         topics.add(record.topic)
     require_own(topics, path)
     remedy = "it was cut in its first second, or damaged there: give the flight's configuration with --salvage --config FILE"
@@ -115,7 +116,7 @@ def header_left(path: Path) -> JournalHeader:
 
 def read_mavlink(path: Path, *, outgoing: bool) -> Iterator[tuple[int, bytes]]:
     """Raw bytes of the link with their times."""
-    topic = _MAVLINK_OUT if outgoing else _MAVLINK_IN
+    topic = MAVLINK_OUT if outgoing else MAVLINK_IN
     return ((record.log_time_ns, record.data) for record in _records(path, True, None) if record.topic == topic)
 
 
@@ -124,7 +125,7 @@ def read_frames(path: Path) -> Iterator[tuple[int, Image]]:
     import cv2
 
     for record in _records(path, True, None):
-        if record.topic == _FRAME or (record.topic is None and record.data[8 : 8 + len(_PNG)] == _PNG):
+        if record.topic == FRAME or (record.topic is None and record.data[8 : 8 + len(_PNG)] == _PNG):
             pixels = cv2.imdecode(np.frombuffer(record.data, np.uint8, offset=8), cv2.IMREAD_UNCHANGED)
             if pixels is None:
                 raise JournalError(f"the frame of record {record.sequence} cannot be decoded", where=str(path))
@@ -154,26 +155,6 @@ def _records(path: Path, salvage: bool, on_damage: OnDamage | None) -> Iterator[
         raise JournalError(f"cannot be read: {why}", where=str(path), remedy="name a readable .mcap file") from why
 
 
-def _parsed(record: Record, path: Path) -> Any:
-    try:
-        if not record.data.startswith(b'{"'):
-            return json.loads(record.data)  # it looks for the encoding first
-        text = record.data.decode()
-        parsed, end = _parse(text)
-        return parsed if end == len(text) else json.loads(text)
-    except (ValueError, RecursionError) as why:
-        if record.topic is None:
-            return None
-        raise JournalError(f"record {record.sequence} is not JSON: {why}", where=str(path)) from why
-
-
-def _thing(data: Any, record: Record, path: Path) -> Any:
-    try:
-        return from_dict(data)
-    except JournalError as why:
-        raise JournalError(f"record {record.sequence}: {why.what}", where=str(path), remedy=OTHER_VERSION) from why
-
-
 # --------------------------------------------------------------------------------------------------------------- writing
 
 
@@ -188,21 +169,23 @@ class JournalWriter:
         max_bytes: int = 2_000_000_000,
         on_problem: Callable[[str], None] | None = None,
         path: Path | None = None,
+        goes_on: bool = False,
     ) -> None:
         """`on_problem` is called from the writing thread: when the journal ends before the flight does, and before that for the
-        first record that cannot be written."""
+        first record that cannot be written. `goes_on`: a disk that took something before is tried again."""
         self.path = path
         self.dropped = self.written = 0
         self.problem = ""
-        self._stream, self._max_bytes, self._on_problem = stream, max_bytes, on_problem
+        self._stream, self._max_bytes, self._on_problem, self._goes_on = stream, max_bytes, on_problem, goes_on
+        self._written = JournalStream(stream)
         self._sequence = self._frames_waiting = self._pending_bytes = self._chunks = 0
         self._drop_told = False
         self._queue: queue.Queue[tuple[str, int, int, Any] | None] = queue.Queue(_QUEUE)
         self._channels: dict[str, int] = {}
         journal_lock.hold(stream)
-        self._writer = Writer(cast(Any, stream), chunk_size=2**30, compression=CompressionType.ZSTD)
+        self._writer = Writer(cast(Any, self._written), chunk_size=2**30, compression=CompressionType.ZSTD)
         self._thread = threading.Thread(target=self._run, name="journal", daemon=True)
-        self._put(_HEADER, header.started_ns, header)
+        self._put(HEADER, header.started_ns, header)
         self._thread.start()
 
     @classmethod
@@ -216,7 +199,7 @@ class JournalWriter:
             for name in (f"visloc-{stamp}.mcap", *(f"visloc-{stamp}-{n}.mcap" for n in range(1, 1000))):
                 with contextlib.suppress(FileExistsError):
                     path = folder / name
-                    return cls(path.open("xb"), header, max_bytes=max_bytes, on_problem=on_problem, path=path)
+                    return cls(path.open("xb"), header, max_bytes=max_bytes, on_problem=on_problem, path=path, goes_on=True)
         except OSError as why:
             raise JournalError(f"cannot be written: {why}", where=str(folder), remedy="name a writable journal.folder") from why
         raise JournalError("holds a thousand journals of this second", where=str(folder), remedy="empty the folder")
@@ -238,11 +221,11 @@ class JournalWriter:
 
     def notice(self, now_ns: int, notice: Notice) -> None:
         """Record what the shell itself reports; it is no part of the replay."""
-        self._put(_NOTICE, now_ns, notice)
+        self._put(NOTICE, now_ns, notice)
 
     def mavlink(self, now_ns: int, data: bytes, *, outgoing: bool) -> None:
         """Record raw bytes of the link."""
-        self._put(_MAVLINK_OUT if outgoing else _MAVLINK_IN, now_ns, data)
+        self._put(MAVLINK_OUT if outgoing else MAVLINK_IN, now_ns, data)
 
     def frame(self, now_ns: int, frame: FrameRef, pixels: Image) -> None:
         """Record a frame's pixels (copied here, encoded in the thread); drops it while others still wait."""
@@ -250,7 +233,7 @@ class JournalWriter:
             self.dropped += 1
             return
         self._frames_waiting += 1
-        if not self._put(_FRAME, now_ns, (frame.frame_id, np.array(pixels))):
+        if not self._put(FRAME, now_ns, (frame.frame_id, np.array(pixels))):
             self._frames_waiting -= 1
 
     def wait(self, most: int) -> None:
@@ -285,15 +268,38 @@ class JournalWriter:
             self._writer.start(profile="", library="visloc-companion")
             flush_at = 0.0  # at once, so that the header is on the disk
             while (item := self._next(flush_at)) is not None:
-                if item:
-                    self._write(*item)
-                if time.monotonic() >= flush_at:
-                    self._flush()
-                    flush_at = time.monotonic() + _FLUSH_S
+                try:
+                    if item:
+                        self._write(*item)
+                    if time.monotonic() >= flush_at:
+                        self._flush()
+                        flush_at = time.monotonic() + _FLUSH_S
+                except OSError as why:
+                    if not (self._goes_on and self._written.kept_bytes and is_of_the_disk(why)):
+                        raise
+                    if not self._taken_again(why):
+                        return
             self._finish()
         except Exception as why:  # whatever it is, the flight goes on and the operator is told
             self._end(f"journal stopped: {getattr(why, 'strerror', None) or why}")
             self._drain()
+
+    def _taken_again(self, why: OSError) -> bool:
+        """Drop what comes until the disk takes what waits; False where the flight ends before, with as much as it takes then."""
+        self.problem, before = f"journal stopped: {why.strerror}", self.dropped
+        self._report(self.problem)
+        while True:
+            if self._drain(time.monotonic() + _TRY_AGAIN_S):
+                try:
+                    self._finish()
+                except OSError:
+                    abandon(self._stream, self.path)
+                return False
+            with contextlib.suppress(OSError):
+                self._flush()
+                self.problem = ""
+                self._report(f"journal goes on: {self.dropped - before} records missing")
+                return True
 
     def _next(self, flush_at: float) -> tuple[str, int, int, Any] | tuple[()] | None:
         """The next record, nothing when it is time to flush, None at the end."""
@@ -312,6 +318,9 @@ class JournalWriter:
                 raise _FullError(f"it reached journal.max_bytes = {self._max_bytes}")
             self._writer.add_message(self._channel(topic), now_ns, data, now_ns, sequence)
             self.written += 1
+        except OSError:
+            self.dropped += 1
+            raise
         except JournalError as why:
             self.dropped += 1
             if not self._drop_told:
@@ -320,13 +329,13 @@ class JournalWriter:
 
     def _encoded(self, topic: str, thing: Any) -> bytes:
         try:
-            return _payload(topic, thing)
+            return payload(topic, thing)
         except JournalError:
             raise
         except Exception as why:  # no memory for a picture, for one
             raise JournalError(fault_text(why), where=topic) from why
         finally:
-            self._frames_waiting -= topic == _FRAME
+            self._frames_waiting -= topic == FRAME
 
     def _has_room(self, n_bytes: int) -> bool:
         """Whether a record fits; ends the chunk first where it would grow too large."""
@@ -334,14 +343,14 @@ class JournalWriter:
             self._end_chunk()
         self._pending_bytes += n_bytes
         end_bytes = _SUMMARY_BYTES + _SUMMARY_CHUNK_BYTES * (self._chunks + 1)
-        return self._stream.tell() + self._pending_bytes + end_bytes <= self._max_bytes
+        return self._written.tell() + self._pending_bytes + end_bytes <= self._max_bytes
 
     def _channel(self, topic: str) -> int:
         if topic not in self._channels:
             name = topic.rsplit("/", 1)[1]
             kind = {**EVENT_TYPES, **COMMAND_TYPES}.get(name)
             schema = json_schema(kind) if kind else {"title": name, "type": "object"}
-            binary = topic in (_MAVLINK_IN, _MAVLINK_OUT, _FRAME)
+            binary = topic in BINARY
             schema_id = 0 if binary else self._writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
             self._channels[topic] = self._writer.register_channel(topic, "binary" if binary else "json", schema_id)
         return self._channels[topic]
@@ -377,23 +386,15 @@ class JournalWriter:
         if self._on_problem is not None:
             self._on_problem(problem)
 
-    def _drain(self) -> None:
+    def _drain(self, by_s: float = 0.0) -> bool:
+        """Drop what waits, and what comes until then (monotonic, seconds); whether it was the end."""
         with contextlib.suppress(queue.Empty):
-            while self._queue.get_nowait() is not None:
+            while (item := self._queue.get(timeout=max(0.0, by_s - time.monotonic()))) is not None:
                 self.dropped += 1
+                self._frames_waiting -= item[0] == FRAME
+            return True
+        return False
 
 
 class _FullError(Exception):
     pass
-
-
-def _payload(topic: str, thing: Any) -> bytes:
-    if topic == _HEADER:
-        return json.dumps(asdict(thing), allow_nan=False).encode()
-    if topic == _FRAME:
-        import cv2
-
-        frame_id, pixels = thing
-        bgr = pixels if pixels.ndim == 2 else pixels[:, :, ::-1]
-        return struct.pack("<Q", frame_id) + cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
-    return thing if isinstance(thing, bytes) else to_json(thing).encode()

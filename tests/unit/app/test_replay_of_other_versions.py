@@ -51,7 +51,7 @@ def test_a_key_that_is_no_longer_known_is_not_for_the_reader_of_a_journal_to_cor
 def test_an_entry_of_another_version_is_told_with_file_and_record(
     tmp_path: Path, entry: str, told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("visloc_companion.app.journal.to_json", lambda _: entry)
+    monkeypatch.setattr("visloc_companion.app.journal_payload.to_json", lambda _: entry)
     journal = JournalWriter.create(tmp_path, OURS, max_bytes=10_000_000)
     journal.event(1, Tick(1))
     journal.close()
@@ -72,12 +72,12 @@ def test_an_entry_of_another_version_is_told_with_file_and_record(
 def test_a_header_of_another_version_is_told_with_file_and_remedy(
     tmp_path: Path, changed: dict[str, Any], told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("visloc_companion.app.journal.asdict", lambda thing: asdict(thing) | changed)
+    monkeypatch.setattr("visloc_companion.app.journal_payload.asdict", lambda thing: asdict(thing) | changed)
     path = written(tmp_path, OURS)
     with pytest.raises(JournalError, match=rf"\.mcap: its header cannot be read: {told}; remedy: read it with the version"):
         read_header(path)
 
 
 def test_a_header_without_what_came_later_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("visloc_companion.app.journal.asdict", lambda thing: {"configuration": thing.configuration})
+    monkeypatch.setattr("visloc_companion.app.journal_payload.asdict", lambda thing: {"configuration": thing.configuration})
     assert read_header(written(tmp_path, OURS)) == replace(OURS, versions={})

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -141,11 +142,11 @@ def test_a_journal_of_before_has_nobody_who_signed(tmp_path: Path, monkeypatch: 
     import visloc_companion.app.journal as journal
 
     def as_before(topic: str, thing: Any) -> bytes:
-        told = journal.asdict(thing)
+        told = asdict(thing)
         del told["map_signed_by"], told["configuration"]["map"]["trusted_keys"]
         return json.dumps(told).encode()
 
-    monkeypatch.setattr(journal, "_payload", as_before)
+    monkeypatch.setattr(journal, "payload", as_before)
     header = JournalHeader(Config().model_dump(mode="json"), {"visloc-companion": "0.1.0"}, "ab" * 32)
     writer = JournalWriter.create(tmp_path, header, max_bytes=10**7)
     writer.close()

@@ -177,7 +177,7 @@ def _journal(system: SystemFacts, facts: Facts) -> Finding:
 @system_rule(
     "system-disk",
     "space in journal.folder",
-    "A full disk ends the journal in the middle of the flight.",
+    "On a full disk the flight is not recorded, until there is room again.",
     "delete old journals, or let the daemon do it (journal.keep_bytes); or a smaller journal.max_bytes",
 )
 def _disk(system: SystemFacts, facts: Facts) -> Finding:
