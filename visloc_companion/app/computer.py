@@ -82,8 +82,12 @@ def computed_s(pid: int, root: Path = Path("/")) -> float | None:
 
 
 def hottest_c(root: Path) -> float | None:
-    """The hottest of the thermal zones."""
-    found = [_first_number(_text(zone)) for zone in (root / "sys/class/thermal").glob("thermal_zone*/temp")]
+    """The hottest of the thermal zones; None where none tells, or no descriptor is left to look."""
+    try:
+        zones = list((root / "sys/class/thermal").glob("thermal_zone*/temp"))
+    except OSError:
+        return None
+    found = [_first_number(_text(zone)) for zone in zones]
     celsius = [number / 1e3 for number in found if number is not None]
     return max((value for value in celsius if _COLDEST_C < value < _HOTTEST_C), default=None)
 

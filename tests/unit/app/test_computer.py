@@ -1,5 +1,6 @@
 """The computer's load, from files as Linux writes them."""
 
+import resource
 from pathlib import Path
 
 import pytest
@@ -51,3 +52,15 @@ def test_a_system_that_tells_nothing(tmp_path: Path) -> None:
 def test_this_system_can_be_looked_at() -> None:
     load = Computer(Path("/")).look()
     assert all(0.0 <= share <= 1.0 for share in load.cores)
+
+
+def test_without_a_descriptor_left_it_tells_less(root: Path) -> None:
+    """The look at the thermal zones ended the daemon in flight."""
+    computer, (soft, hard) = Computer(root, root), resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
+    try:
+        load = computer.look()
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert (load.temperature_c, load.ram_total_bytes, load.cores) == (None, None, ())
+    assert computer.look().temperature_c is not None
