@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
+import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
@@ -39,6 +40,8 @@ _SCARCE_S = 2.0
 _START_S = 120.0
 _RESTART_S = 30.0
 _STOP_S = 1.0
+_LOOK_S = 10.0
+"""For looking at the pack's files; a medium that takes longer hangs."""
 _CAPACITY = 16
 
 
@@ -76,6 +79,7 @@ class WorkerSupervisor:
         self._why, self._reason = "", Reason.WORKER_DIED
         self._unfit: VislocError | None = None
         self._in_vain = 0
+        self._closed = False
         self._stamps: FileStamps = ()
         self._verified: FileStamps = ()
         self.pack_seal = ""
@@ -137,7 +141,7 @@ class WorkerSupervisor:
 
     async def close(self) -> None:
         """End the worker: politely, then by force. Nothing is reported any more."""
-        self.given_up, self.up = True, False
+        self._closed, self.given_up, self.up = True, True, False
         process, connection = self._detach()
         if process is None or connection is None:
             return
@@ -271,11 +275,35 @@ class WorkerSupervisor:
             self._restart()
 
     def _restart(self) -> None:
-        """Another worker, at once: hashes are not computed again, unless a file of the pack is not the one that was verified."""
+        """Another worker, once the pack's files have been looked at: in a thread, for a medium that hangs must not hold up what
+        is sent. One that hangs is waited for, as no worker could open it."""
         self.restarts += 1
-        self._stamps = file_stamps(self._config.map.pack)
-        verify = self._config.map.verify_hashes and self._stamps != self._verified
-        if verify and self._stamps:
+        loop, folder = asyncio.get_running_loop(), self._config.map.pack
+
+        def look() -> None:
+            stamps = file_stamps(folder)
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(self._restart_with, stamps)
+
+        try:
+            threading.Thread(target=look, name="pack", daemon=True).start()
+        except RuntimeError as none:  # as for a process below
+            self._restart_or_give_up(f"no worker can be started: {none}", _SCARCE_S)
+        else:
+            self._arm(_LOOK_S, self._hangs)
+
+    def _hangs(self) -> None:
+        self._disarm()
+        self._report("the map pack's medium does not answer")
+        self._on_notice(Notice(Severity.CRITICAL, "map pack's medium hangs", True, (("pack", self._config.map.pack),)))
+
+    def _restart_with(self, stamps: FileStamps) -> None:
+        """Hashes are not computed again, unless a file of the pack is not the one that was verified."""
+        if self._closed:
+            return
+        self._stamps = stamps
+        verify = self._config.map.verify_hashes and stamps != self._verified
+        if verify and stamps:
             self._on_notice(Notice(Severity.WARNING, "the map pack has changed since the start and is verified anew"))
         try:
             self._spawn(self._verifying(verify), _START_S if verify else _RESTART_S)

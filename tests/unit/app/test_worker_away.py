@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import shutil
 import signal
+import threading
 from pathlib import Path
 
 import pytest
@@ -67,3 +69,41 @@ async def test_a_map_that_is_away_for_longer_is_told_and_tried_again_ever_later(
         assert len("map cannot be opened, next try in 60 s") <= 50
         b.ask(10)
         assert isinstance(await b.next(), Fix)
+
+
+async def test_a_medium_that_hangs_holds_nothing_up_and_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A network's or a FUSE file system whose other end is gone lets nobody look at a file, and says nothing."""
+    stamps, answers, looked = supervisor_module.file_stamps, threading.Event(), threading.Event()
+
+    def hangs(folder: str) -> supervisor_module.FileStamps:
+        looked.set()
+        answers.wait(30)
+        return stamps(folder)
+
+    monkeypatch.setattr(supervisor_module, "_LOOK_S", 0.2)
+    async with bench("needs_its_pack", pack=str(pack(tmp_path))) as b:
+        assert b.worker.pid is not None
+        monkeypatch.setattr(supervisor_module, "file_stamps", hangs)
+        os.kill(b.worker.pid, signal.SIGKILL)
+        details = [state.detail for state in (await b.next(), await b.next()) if isinstance(state, WorkerState)]
+        assert details == ["the worker ended with signal 9", "the map pack's medium does not answer"]
+        assert looked.is_set() and not answers.is_set()  # this goes on meanwhile
+        assert [n.text for n in b.notices if n.to_operator] == ["map pack's medium hangs"]
+        assert not b.worker.overdue
+        answers.set()
+        assert await downs_until_up(b, 1, None) == []
+        b.ask(10)
+        assert isinstance(await b.next(), Fix)
+
+
+async def test_and_does_not_keep_the_daemon_from_ending(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    answers = threading.Event()
+    async with bench("needs_its_pack", pack=str(pack(tmp_path))) as b:
+        assert b.worker.pid is not None
+        monkeypatch.setattr(supervisor_module, "file_stamps", lambda _: (answers.wait(30), ())[1])
+        os.kill(b.worker.pid, signal.SIGKILL)
+        await b.next()
+        await b.worker.close()
+        answers.set()
+        await asyncio.sleep(0.1)
+        assert b.worker.pid is None
