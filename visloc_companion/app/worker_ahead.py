@@ -72,14 +72,16 @@ def ahead_for(config: Path) -> WorkerAhead | None:
 def begun(target: Callable[..., None], *args: object) -> tuple[Any, Connection]:
     """A process of `target`, given `args` and its end of a connection, and our end.
 
-    It begins with SIGINT and SIGTERM blocked, which it inherits: the daemon ends it. Raises OSError.
+    It begins with SIGINT, SIGTERM and SIGHUP blocked, which it inherits: the daemon ends it. So does the tracker of the shared
+    memory, which a terminal that goes away would end before the daemon has removed its slots. Raises OSError.
     """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=True)
     process = context.Process(target=target, args=(*args, theirs), name="visloc-worker", daemon=True)
-    resource_tracker.ensure_running()  # begun by `start`, it would unblock the signals before the process is there
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGHUP,))
     try:
+        resource_tracker.ensure_running()  # begun by `start`, it would unblock the others before the process is there
+        signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         process.start()
     except OSError:
         ours.close()

@@ -31,13 +31,15 @@ def run(
 ) -> None:
     """Localise and inject until SIGTERM, SIGHUP or Ctrl-C. Exit codes: 0 ok, 2 configuration, 3 data, 4 link."""
     from visloc_companion.app.worker_ahead import ahead_for
+    from visloc_companion.cli.ctrl_c import ends_at_once
 
-    ahead = None if check else ahead_for(config)  # before anything that takes long to import
-    try:
-        _run(config, check, at, sigma, json, ahead)
-    finally:
-        if ahead is not None:
-            ahead.close()
+    with ends_at_once():  # until the daemon listens for it
+        ahead = None if check else ahead_for(config)  # before anything that takes long to import
+        try:
+            _run(config, check, at, sigma, json, ahead)
+        finally:
+            if ahead is not None:
+                ahead.close()
 
 
 def _run(config: Path, check: bool, at: str, sigma: float, json: Path | None, ahead: WorkerAhead | None) -> None:

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import sys
 
-_ENDED_BY_CTRL_C = 130
-"""As the commands themselves end then: 128 + SIGINT."""
+from visloc_companion.cli.ctrl_c import ENDED_BY_CTRL_C, ends_at_once
 
 
 def main() -> None:
     """Run the command line (cli/main.py). Ctrl-C while it is still being loaded, or put together, ends it without a traceback."""
     try:
-        from visloc_companion.cli.main import main as run
+        with ends_at_once():
+            from visloc_companion.cli.main import main as run
 
         run()
     except KeyboardInterrupt:
-        sys.exit(_ENDED_BY_CTRL_C)
+        sys.exit(ENDED_BY_CTRL_C)

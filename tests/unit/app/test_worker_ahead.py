@@ -158,16 +158,20 @@ def test_a_start_that_fails_leaves_none(tmp_path: Path) -> None:
 
 
 def test_signals_to_the_whole_group_do_not_reach_it() -> None:
-    """Ctrl-C is the daemon's business. The first process that multiprocessing starts is its resource tracker, and with that it
-    unblocks what was blocked."""
+    """Ctrl-C and a terminal that goes away are the daemon's business. The first process that multiprocessing starts is its
+    resource tracker, and with that it unblocks what was blocked."""
     lines = (
         "from pathlib import Path",
         "from visloc_companion.app.worker_ahead import WorkerAhead",
         "ahead = WorkerAhead()",
-        "status = Path(f'/proc/{ahead._process.pid}/status').read_text()",
+        "from multiprocessing.resource_tracker import _resource_tracker as tracker",
+        "pids = ahead._process.pid, tracker._pid",
+        "statuses = [Path(f'/proc/{pid}/status').read_text() for pid in pids]",
         "ahead.close()",
-        "print(next(line for line in status.splitlines() if line.startswith('SigBlk')).split()[1])",
+        "for status in statuses:",
+        "    print(next(line for line in status.splitlines() if line.startswith('SigBlk')).split()[1])",
     )
     done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, timeout=60, check=True)
-    blocked = int(done.stdout, 16)
-    assert all(blocked >> (number - 1) & 1 for number in (signal.SIGINT, signal.SIGTERM))
+    worker, tracker = (int(line, 16) for line in done.stdout.splitlines())
+    assert all(worker >> (number - 1) & 1 for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+    assert tracker >> (signal.SIGHUP - 1) & 1  # the others it ignores
