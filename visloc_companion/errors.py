@@ -167,6 +167,7 @@ class Reason(StrEnum):
     GATED = "gated"
     TOO_OLD = "too_old"
     NOT_FINITE = "not_finite"
+    AT_A_POLE = "at_a_pole"
     IMPLAUSIBLE_CLAIM = "implausible_claim"
     NO_ORIGIN = "no_origin"
     NO_ATTITUDE = "no_attitude"

@@ -77,6 +77,9 @@ class TimeGuard:
         return stood_ns
 
 
+NO_POLES = "visloc: beyond 89 deg of latitude, NO POSITION"
+
+
 class Complaints:
     """Notices about bad input, at most one for each kind and reason in REPEAT_NS."""
 
@@ -85,7 +88,7 @@ class Complaints:
 
     def about(self, event: Event, reason: Reason, now_ns: int, severity: Severity = Severity.WARNING) -> list[Notice]:
         """The notice that an event was not used, unless that was said just now."""
-        key = (type(event).__name__, reason)
+        key = ("" if reason is Reason.AT_A_POLE else type(event).__name__, reason)  # origin and position say the same
         last = self._last_ns.get(key)
         if last is not None and 0 <= now_ns - last < REPEAT_NS:
             return []
@@ -93,6 +96,8 @@ class Complaints:
         data = (("reason", reason.value),)
         if reason is Reason.IMPLAUSIBLE_CLAIM and isinstance(event, Fix):
             return [Notice(severity, _of_claim(event), to_operator=True, data=data)]
+        if reason is Reason.AT_A_POLE:
+            return [Notice(severity, NO_POLES, to_operator=True, data=data)]
         return [Notice(severity, f"{key[0]} not used: {reason.value}", data=data)]
 
 

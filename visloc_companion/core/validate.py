@@ -40,6 +40,8 @@ MAX_HEIGHT_M, MAX_LOCAL_M = 50_000.0, 1e6
 MAX_FORCE_MPS2 = 160.0
 """What accelerometers of autopilots can measure."""
 MAX_OPERATOR_SIGMA_M = 10_000.0
+MAX_LATITUDE_DEG = 89.0
+"""Beyond, north turns by more than a degree within 2 km."""
 MIN_SIGMA_M, MAX_SIGMA_M = 1e-3, 1e5
 MAX_LEAD_NS = 200_000_000
 """Times of validity may lie this far ahead of the shell's clock (clock offsets are estimates)."""
@@ -55,7 +57,8 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912
         case GimbalAttitude():
             return _unless(_finite(*event.q_frame_gimbal) and abs(math.hypot(*event.q_frame_gimbal) - 1.0) < 1e-3)
         case PriorPose():
-            return _unless(is_place(event.place) and _is_velocity(event.v_ned_mps) and _is_height(event.h_rel_m))
+            fine = _is_velocity(event.v_ned_mps) and _is_height(event.h_rel_m)
+            return _place_fault(event.place) if fine else Reason.NOT_FINITE
         case LocalPose():
             near = _finite(*event.p_ned_m) and math.hypot(*event.p_ned_m[:2]) <= MAX_LOCAL_M
             return _unless(near and _is_height(event.p_ned_m[2]) and _is_velocity(event.v_ned_mps))
@@ -75,9 +78,10 @@ def fault(event: Event, now_ns: int) -> Reason | None:  # noqa: PLR0911, PLR0912
         case Range():
             return _unless(_finite(event.distance_m, event.sigma_m or 0.0))
         case OriginChanged():
-            return _unless(is_place(event.origin))
+            return _place_fault(event.origin)
         case OperatorFix():
-            return _unless(is_place(event.place) and _finite(event.sigma_m) and 0 < event.sigma_m <= MAX_OPERATOR_SIGMA_M)
+            fine = _finite(event.sigma_m) and 0 < event.sigma_m <= MAX_OPERATOR_SIGMA_M
+            return _place_fault(event.place) if fine else Reason.NOT_FINITE
         case Fix():
             return _fix_fault(event, now_ns)
         case NoFix():
@@ -130,11 +134,19 @@ def _unless(fine: bool) -> Reason | None:
     return None if fine else Reason.NOT_FINITE
 
 
+def _place_fault(place: GeoPoint) -> Reason | None:
+    """One that is no place, or one at a pole, which is."""
+    if is_place(place):
+        return None
+    at_a_pole = MAX_LATITUDE_DEG < abs(place.lat_deg) <= 90 and _finite(place.lon_deg) and _is_height(place.h_amsl_m)
+    return Reason.AT_A_POLE if at_a_pole else Reason.NOT_FINITE
+
+
 def is_place(place: GeoPoint) -> bool:
-    """Finite, on the globe, and not the 0, 0 that autopilots send for "unknown"."""
+    """Finite, on the globe but for its poles, and not the 0, 0 that autopilots send for "unknown"."""
     if not _finite(place.lat_deg, place.lon_deg, place.h_amsl_m):
         return False
-    on_globe = abs(place.lat_deg) <= 89 and abs(place.lon_deg) <= 180 and _is_height(place.h_amsl_m)
+    on_globe = abs(place.lat_deg) <= MAX_LATITUDE_DEG and abs(place.lon_deg) <= 180 and _is_height(place.h_amsl_m)
     return on_globe and not (place.lat_deg == 0 and place.lon_deg == 0)
 
 

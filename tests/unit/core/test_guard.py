@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from visloc_companion.core.guard import RESTART_AFTER, STEP_NS, Complaints, TimeCheck, TimeGuard
+from visloc_companion.core.validate import fault
 from visloc_companion.errors import Reason
-from visloc_companion.types import Fix, GeoPoint, Tick
+from visloc_companion.types import Fix, GeoPoint, OriginChanged, PriorPose, Tick
 
 S = 1_000_000_000
 
@@ -54,6 +57,17 @@ def test_the_operator_hears_which_localiser_claims_what_cannot_be(var_n_m2: floa
     (notice,) = Complaints().about(fix, Reason.IMPLAUSIBLE_CLAIM, 0)
     assert (notice.text, notice.to_operator) == (f"visloc: a_long_name_ claims {claimed} m, FIXES REFUSED", True)
     assert len(notice.text) <= 50
+
+
+def test_the_operator_hears_that_there_is_no_position_at_the_poles() -> None:
+    """Once, for origin and position alike."""
+    place, complaints = GeoPoint(89.5, 10.0, 80.0), Complaints()
+    events = OriginChanged(0, place), PriorPose(0, 0, place, (0.0, 0.0, 0.0), 80.0)
+    assert [fault(event, 0) for event in events] == [Reason.AT_A_POLE] * 2
+    (notice,) = [notice for event in events for notice in complaints.about(event, Reason.AT_A_POLE, 0)]
+    assert (notice.text, notice.to_operator) == ("visloc: beyond 89 deg of latitude, NO POSITION", True)
+    assert fault(replace(events[0], origin=replace(place, lat_deg=90.1)), 0) is Reason.NOT_FINITE
+    assert fault(replace(events[0], origin=replace(place, lat_deg=-89.0)), 0) is None
 
 
 @pytest.mark.parametrize(
