@@ -22,6 +22,7 @@ from visloc_companion.maps.averaged import averaged_holes
 from visloc_companion.maps.collar import collar
 from visloc_companion.maps.crs import MapCrs, map_crs
 from visloc_companion.maps.fills import HEIGHTS_M, RIM_PX, SAME_M, in_missing, missing_blocks, no_colour, undeclared_fill
+from visloc_companion.maps.from_white import counts_from_white, positive
 from visloc_companion.maps.ground_pixel import ground_gsd_m
 from visloc_companion.maps.layer import ArrayLayer, Layer, Validity, Values, array_layer, halved, level_shapes
 from visloc_companion.maps.manifest import require_utf8
@@ -48,7 +49,7 @@ class GeoTiff:
 
     `stretch` maps other types than uint8 to 0-255. Heights are `height_unit_m` (None where the bands are no heights) times the
     band's values, and `lift_m`. `shown`: what says where it shows something; `missing`: where nothing does,
-    its blocks that were never written (maps/fills.py).
+    its blocks that were never written (maps/fills.py). `negative`: its colours count from white.
     """
 
     path: Path
@@ -61,6 +62,7 @@ class GeoTiff:
     lift_m: float = 0.0
     shown: Shown = field(kw_only=True)
     missing: NDArray[np.bool_] | None = None
+    negative: bool = False
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -108,7 +110,8 @@ def open_ortho(path: Path, stretches: Mapping[str, Stretch] | None = None) -> Ge
     if stretches is None:
         stretches = {} if dtype == "uint8" else {dtype: _stretch(_sampled(path, dataset, bands, shown))}
     missing = None if shown.is_stated else missing_blocks(dataset)
-    return GeoTiff(path, dataset, crs, T_map_pix, bands, stretches.get(dtype), None, shown=shown, missing=missing)
+    found = path, dataset, crs, T_map_pix, bands, stretches.get(dtype), None
+    return GeoTiff(*found, shown=shown, missing=missing, negative=counts_from_white(dataset))
 
 
 def stretches_of(paths: Sequence[Path]) -> dict[str, Stretch]:
@@ -295,7 +298,7 @@ class DatasetLayer:
                 finite &= ~no_colour(raw)
             raw = np.clip(np.nan_to_num(scaled), 0, 255).astype(np.uint8)
             mask = np.where(finite, mask, 0).astype(np.uint8)
-        return _pixels_of(raw), mask
+        return (positive(_pixels_of(raw), mask) if self.tiff.negative else _pixels_of(raw)), mask
 
 
 def _open(path: Path) -> tuple[Any, MapCrs, FloatArray]:
@@ -379,18 +382,13 @@ def _sampled(path: Path, dataset: Any, bands: tuple[int, ...], shown: Shown) -> 
         raw = dataset.read(list(bands), out_shape=(len(bands), *shape))
         mask = shown.read(dataset, shape)
     if not shown.tells(mask):
-        mask &= ~(no_colour(raw) | _of_collar(raw))
+        mask &= ~(no_colour(raw) | collar(_pixels_of(raw)))
     sample = raw.astype(np.float64)
     used: FloatArray = sample[:, mask]
     used = used[np.isfinite(used)]
     if not used.size:
         raise MapError("has no valid pixel", where=str(path), remedy="name an orthophoto with content")
     return used
-
-
-def _of_collar(raw: NDArray[Any]) -> NDArray[np.bool_]:
-    """(rows, cols) where (bands, rows, cols) shows the fill about it."""
-    return collar(_pixels_of(raw))
 
 
 def _stretch(values: FloatArray) -> Stretch:
