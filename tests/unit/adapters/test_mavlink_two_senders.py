@@ -47,6 +47,43 @@ def test_two_autopilots_of_one_number_are_told_once_with_the_remedy_and_not_list
     assert len(talking.events) == n_events
 
 
+def test_two_that_were_started_within_seconds_are_told_as_well() -> None:
+    """Neither's clock goes back by as much as a restarted one's; positions of both were taken in turn."""
+    talking, other = talk(system_id=7), FakeAutopilot(system_id=7)
+    other.rates_hz[ATTITUDE] = 20.0
+    talking.session.request(RequestMessage(ATTITUDE, 20.0), talking.now_ns)
+    talking.run(5.0)
+    boot_ns = 2 * S + 7_000_000
+    warned = beside(talking, other, 10.0, boot_ns)
+    assert warned[-1].startswith("two autopilots with system id 7 are on the link")
+    assert [text for text in talking.autopilot.texts if "autopilots" in text] == ["visloc: 2 autopilots with system id 7, unused"]
+    n_events = len(talking.events)
+    assert beside(talking, other, 30.0, boot_ns) == []
+    assert len(talking.events) == n_events
+    talking.run(QUIET_NS / S + 3.0)
+    assert talking.session.link.up
+
+
+def attitude(t_boot_ns: int) -> Attitude:
+    return Attitude(0, t_boot_ns, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def test_one_that_is_heard_by_two_ways_is_one() -> None:
+    """The slower way brings all half a second later, and so what the other has lost."""
+    two, told = TwoSenders(), []
+    for k in range(1500):
+        now_ns = 100 * S + k * S // 50
+        if k % 5:
+            told.append(two.in_turn(attitude(now_ns), now_ns))
+        told.append(two.in_turn(attitude(now_ns - S // 2), now_ns))
+    assert not any(told)
+
+
+def test_messages_that_overtake_each_other_are_of_one() -> None:
+    two = TwoSenders()
+    assert not any(two.in_turn(attitude((100 + k + (9 if k % 2 else 0)) * S // 50), k * S // 50) for k in range(1500))
+
+
 def test_one_that_is_alone_again_is_listened_to_and_asked_for_its_streams() -> None:
     talking, other = talk(), FakeAutopilot()
     other.rates_hz[ATTITUDE] = 20.0

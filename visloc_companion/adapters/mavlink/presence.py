@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from visloc_companion.adapters.mavlink.link_state import LinkState
+from visloc_companion.adapters.mavlink.two_senders import RESTART_NS
 from visloc_companion.types import Attitude, Event, GeoPoint, LinkChanged, LocalPose, OriginChanged, PriorPose, TimesyncSample
 
 _NS_PER_S = 1_000_000_000
-_REBOOT_NS = 5 * _NS_PER_S
 _STALL_NS = _NS_PER_S // 2
 
 
@@ -67,7 +67,7 @@ class Presence:
         else:
             return False
         newest_ns = self._newest_ns.get(asked, clock_ns)
-        if clock_ns < newest_ns - _REBOOT_NS:
+        if clock_ns < newest_ns - RESTART_NS:
             self._newest_ns = {asked: clock_ns}
             return True
         self._newest_ns[asked] = max(newest_ns, clock_ns)

@@ -279,8 +279,10 @@ class MavlinkSession:
     def _take(self, msg: Message, now_ns: int) -> None:
         if self._two.there(now_ns):
             said = self._decoder.event(msg, now_ns)
-            if said is not None and self._presence.restarted(said):
-                self._two.went_back(now_ns)
+            if said is not None:
+                self._two.in_turn(said, now_ns)
+                if self._presence.restarted(said):
+                    self._two.went_back(now_ns)
             return
         if not self.link.up and msg.get_type() != "HEARTBEAT":
             self._upkeep.ask_for_heartbeat(self._listener.pinned, now_ns)
@@ -303,6 +305,9 @@ class MavlinkSession:
             self._pass_on(decoded, now_ns)
 
     def _pass_on(self, event: Event, now_ns: int) -> None:
+        if self._two.in_turn(event, now_ns):
+            self._lose(self._of_two(), now_ns)
+            return
         if self._presence.restarted(event):
             two = self._two.went_back(now_ns)
             self._lose(self._of_two() if two else "the autopilot's clock went back: it was restarted", now_ns)
