@@ -49,7 +49,7 @@ class CameraFeed:
                 async with contextlib.aclosing(self._until_trouble(self._parts.camera)) as frames:
                     async for frame in frames:
                         yield frame
-            except (CameraError, TimeoutError) as why:
+            except (CameraError, OSError) as why:  # TimeoutError is one
                 self._complain(str(why) or f"no frame for {STALL_S:g} s")
             else:
                 self._count(self._parts.camera, at_once=True)
@@ -95,7 +95,8 @@ class CameraFeed:
             await asyncio.sleep(RETRY_S)
             try:
                 self._parts.camera = await self._opened()
-            except (CameraError, ConfigError) as why:  # gone, there under another name, or its mask lay on what came out with it
+            except (CameraError, ConfigError, OSError) as why:
+                # gone, there under another name, its mask lay on what came out with it, or no descriptor is left to look
                 self._complain(str(why))
             else:
                 return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -24,6 +25,7 @@ from visloc_companion.types import Notice
 
 GONE = CameraError("cannot be opened", where="/dev/video0", remedy="check the name")
 NO_MASK = ConfigError("cannot be read: No such file or directory", where="camera.mask = /media/card/mask.png")
+NO_DESCRIPTOR = OSError(errno.EMFILE, "Too many open files", "/proc")
 
 
 class Flown:
@@ -33,9 +35,9 @@ class Flown:
         self.config, self.clock, self.camera = camera.config, camera.clock, camera
 
 
-@pytest.mark.parametrize("refusal", [GONE, NO_MASK])
+@pytest.mark.parametrize("refusal", [GONE, NO_MASK, NO_DESCRIPTOR])
 async def test_why_a_camera_cannot_be_opened_again_is_told_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refusal: VislocError
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refusal: VislocError | OSError
 ) -> None:
     """Plugged in anew it has another number, and its mask may have gone with it: that it broke says neither."""
     monkeypatch.setattr(camera_feed, "RETRY_S", 0.02)
