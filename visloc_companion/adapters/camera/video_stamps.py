@@ -45,6 +45,18 @@ def _packets(video: Path) -> int:
     return number
 
 
+def not_shown(video: Path, n_shown: int) -> int:
+    """How many frames its stream holds beyond those that it shows: what follows on damage, most of all, for decoding ends there.
+
+    None of a stream of two fields a frame; it is looked through only where it states another number of frames than it shows.
+    """
+    if round(cv2.VideoCapture(str(video)).get(cv2.CAP_PROP_FRAME_COUNT)) == n_shown:
+        return 0
+    n_held = _packets(video)
+    of_fields = abs(n_held - 2 * n_shown) <= 0.02 * n_held
+    return 0 if of_fields else max(0, n_held - n_shown)
+
+
 def stamps_us(video: Path) -> tuple[list[int], float]:
     """When each frame is shown, microseconds (cameras record at a rate that varies with the light), and the rate, Hz."""
     capture = cv2.VideoCapture(str(video))

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.image import as_stored
-from visloc_companion.adapters.camera.video_stamps import is_raw, stamps_us
+from visloc_companion.adapters.camera.video_stamps import is_raw, not_shown, stamps_us
 from visloc_companion.errors import LogError
 from visloc_companion.types import Image
 
@@ -83,12 +83,19 @@ def _by_rate(video: Path, shown_us: list[int], rate_hz: float) -> list[int]:
 
 
 def notes_on_video(frames: VideoFrames) -> list[str]:
-    """Sentences on how its frames are turned, and on those that the stamps of the file do not tell apart in time."""
+    """Sentences on how its frames are turned, on those that it holds and does not show, and on those that the stamps of the file
+    do not tell apart in time."""
     asked_deg = turn_deg(frames.path)
     name = frames.path.name
     notes = (
         [f"{name} asks viewers to turn it by {asked_deg} degrees: its frames were taken as they are stored."] if asked_deg else []
     )
+    n_missing = not_shown(frames.path, len(frames.t_us))
+    if n_missing:
+        holds = f"{name} holds {n_missing + len(frames.t_us)} frames and shows {len(frames.t_us)}, the last at its second"
+        last_s = (frames.t_us[-1] - frames.t_us[0]) / 1e6
+        why = "it is damaged from there on, lost frames while it was recorded, or was cut without being encoded anew"
+        notes.append(f"{holds} {last_s:.1f}: {why}. Copy it again, or convert it (ffmpeg -i {name} NEW.mp4).")
     at_once = [number for number, (before, after) in enumerate(pairwise(frames.t_us), start=1) if before == after]
     if at_once:
         has = "has" if len(at_once) == 1 else "have"
