@@ -2,7 +2,7 @@
 
 The score is one correlation, and faint ground (gullies of a decimetre, 0.28 points a square metre) favours another place by it as
 easily as not. What the claims are computed from for the place that is taken (leads.py, claims.py), is known of every candidate
-here; what their rivals reach is the same for all of them. Where that leaves a doubt, the slopes of the ground are asked as well.
+here; what their rivals reach is the same for all of them. Where that leaves a doubt, unchanged ground is asked as well.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from visloc_companion.localise.registration.base import RegistrationPrior
 from visloc_companion.localise.registration.claims import MOST_BOWL_M, MOST_CHI2, POWER
 from visloc_companion.localise.registration.evidence import prior_chi2
+from visloc_companion.localise.registration.lasting import Lasting
 from visloc_companion.localise.registration.leads import leads_of, parts_z
 from visloc_companion.localise.registration.pair import Pair
 from visloc_companion.localise.registration.parts import MOST
@@ -31,10 +32,12 @@ CLEAR_LEAD = 0.5
 LOOKS, SCORE, CHI2, BOWL, BLOCKS = 12.6, 5.54, -0.484, -4.13, 1.21
 """Log-odds: of all looks at once, the score to the power of claims.POWER, the squared distance from the prior, a metre of bowl
 and the share of blocks that agree. Those of claims.WEIGHTS as they were fitted on answers that the score alone had chosen."""
-SLOPES, MOST_NATS = 0.3, 40.0
-"""Of a doubtful place: log-odds of a nat by which the slopes of the ground (slopes.py) make it less likely than the likeliest
-place of all, and how many of these count at most. With more, crowns and crops, which slope otherwise every year, outvote the
-looks: of 55 doubtful places of training landscapes 19, 25 and 23 are right with 0.1, 0.3 and 0.7."""
+GROUND, MOST_NATS = 0.3, 60.0
+"""Of a doubtful place: log-odds of a nat by which the ground that has not changed (lasting.py) makes it less likely than the
+likeliest place of all, and how many of these count at most. As much a nat as the slopes over 6 m had; nats of the right place are
+20 to 80 more than those of others (landscapes 160 and 161)."""
+LOST_NATS = 10.0
+"""Last steps that lose so many of the ground have left the place."""
 
 
 class Choice:
@@ -43,7 +46,9 @@ class Choice:
     def __init__(self, pair: Pair, prior: RegistrationPrior) -> None:
         self._pair, self._prior = pair, prior
         self._merits: dict[Settled, float] = {}
+        self._nats: dict[Settled, float] = {}
         self._ground: Ground | None = None
+        self._lasting: Lasting | None = None
 
     def best(self, settled: list[Settled]) -> Settled:
         """The candidate with the greatest merit, of those that stayed where they had started, if any did."""
@@ -51,11 +56,22 @@ class Choice:
         return max(stayed or settled, key=self.merit)
 
     def merit(self, settled: Settled) -> float:
-        """Log-odds of a candidate being right, but for a constant of the pair; with the ground's slopes once there is a doubt."""
+        """Log-odds of a candidate being right, but for a constant of the pair; with the ground's once there is a doubt."""
         if settled not in self._merits:
             self._merits[settled] = self._merit(settled)
-        slopes = 0.0 if self._ground is None else max(self._ground.at(settled.refined.T) - self._ground.most, -MOST_NATS)
-        return self._merits[settled] + SLOPES * slopes
+        return self._merits[settled] + GROUND * max(self._lacking(settled), -MOST_NATS)
+
+    def strayed(self, polished: Settled, found: Settled) -> bool:
+        """Whether last steps have left the place that the ground tells, where it was asked."""
+        return self._lacking(found) - self._lacking(polished) > LOST_NATS
+
+    def _lacking(self, settled: Settled) -> float:
+        """Nats of the ground less those of the likeliest place; 0 where there was no doubt."""
+        if self._lasting is None:
+            return 0.0
+        if settled not in self._nats:
+            self._nats[settled] = self._lasting.at(settled.refined.T) - self._lasting.most
+        return self._nats[settled]
 
     def ground_lead(self, settled: Settled) -> float:
         """How much likelier than any other place a candidate is by the slopes of the ground (nats), which alone tell places apart
@@ -64,7 +80,7 @@ class Choice:
 
     def doubted(self, settled: Settled) -> list[FloatArray]:
         """(4, 4) Where else to start, where a candidate hardly leads by all looks: the best places of the finer relief and of
-        the slopes, which count from here on, and the one that is best by all looks at the candidate's heading and scale. None
+        the ground, which counts from here on, and the one that is best by all looks at the candidate's heading and scale. None
         where it is no matter of doubt, and none twice."""
         if self._ground is not None:
             return []
@@ -72,12 +88,16 @@ class Choice:
         leads = leads_of(self._pair, T, self._prior)
         if leads.joint >= CLEAR_LEAD:
             return []
-        self._ground = ground_of(self._pair, self._prior)
-        starts = [place.T for place in find_places(self._pair.finer, self._prior, REFINED)[0]] + self._ground.starts(REFINED)
+        self._ground, self._lasting = ground_of(self._pair, self._prior), Lasting(self._pair, self._prior)
+        starts = [place.T for place in find_places(self._pair.finer, self._prior, REFINED)[0]] + self._lasting.starts(REFINED)
         if leads.rival_m is not None:
             shift = np.append(leads.rival_m - self._pair.centre_m[:2], 0.0)
             starts.append(about(self._pair.centre_m, yaw_of(T), scale_of(T), shift))
         return starts
+
+    def by_ground(self) -> list[FloatArray]:
+        """(4, 4) The likeliest places by the ground alone, as it places the source; none where there was no doubt."""
+        return [] if self._lasting is None else [self._lasting.placed(T) for T in self._lasting.starts(REFINED)]
 
     def _merit(self, settled: Settled) -> float:
         T, score = settled.refined.T, max(settled.found.score, 0.0)

@@ -2,7 +2,7 @@
 
 The search compares what stands out of the upper surface (high-passed at 8 m): unlike heights, that knows no tilt, no bowl and
 no growth of a whole forest. The few best places are refined, and the one that all looks at the ground favour is taken; where it
-hardly leads by them, what stands out at 2 m is searched too, and the slopes of the ground.
+hardly leads by them, what stands out at 2 m is searched too, and how the ground lies that has not changed.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ class HeightSearchRegistration:
         choice = None if self.by_score else Choice(pair, prior)
         doubting = choice if 2 * cost <= self.most_work else None
         if doubting is not None:
-            settled += settler.settled(doubting.doubted(doubting.best(settled)))
+            settled += _elsewhere(doubting, settler, doubting.best(settled))
         found, headings = _with_turned(settled, settler, choice)
         best, besides = polished(settler, found, prior)
-        if doubting is not None and (starts := doubting.doubted(best)):
-            settled += settler.settled(starts)
+        if doubting is not None and (more := _elsewhere(doubting, settler, best)):
+            settled += more
             found, headings = _with_turned(settled, settler, choice)
             best, besides = polished(settler, found, prior)
-        if choice is not None and has_slid(best, pair):
+        if choice is not None and (has_slid(best, pair) or choice.strayed(best, found)):
             best, besides = found, []
         if has_slid(best, pair):
             what = f"the refinement slid {best.slid_m:.1f} m from where the search had found it"
@@ -62,6 +62,12 @@ class HeightSearchRegistration:
         rest = [s for s in settled if s is not found] + besides
         ground_lead = 0.0 if choice is None else choice.ground_lead(best)
         return settler.answer(best, rest, scores, headings, self.max_probability_wrong, ground_lead, self.by_score)
+
+
+def _elsewhere(choice: Choice, settler: Settler, best: Settled) -> list[Settled]:
+    """Candidates more, where the best one is doubtful: refined, and those of the ground as it places them, too."""
+    starts = choice.doubted(best)
+    return settler.settled(starts) + settler.held(choice.by_ground()) if starts else []
 
 
 def _with_turned(settled: list[Settled], settler: Settler, choice: Choice | None) -> tuple[Settled, Headings]:

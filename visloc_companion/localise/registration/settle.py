@@ -46,6 +46,8 @@ MARGIN_M = 12.0
 """The reference is looked at this far beyond the source."""
 SLIDE_M, SLIDE_CELLS = 6.0, 3.0
 """A refinement that goes farther from its start than this has slid away."""
+HELD_M = 2.0
+"""1-sigma, east and north, of a place that is not refined."""
 TURNED = 1
 """Other headings of a place that are refined."""
 
@@ -95,6 +97,17 @@ class Settler:
     def looked_at(self, T: FloatArray) -> Settled | None:
         """T as it is; None where hardly anything of the source lies on the reference."""
         return self._settled(T, *self._near(T), 0)
+
+    def held(self, starts: Iterable[FloatArray]) -> list[Settled]:
+        """Those of the starts of which enough lies on the reference, lifted and otherwise as they are: known to HELD_M."""
+        found = []
+        for start in starts:
+            surface, relief = self._near(start)
+            lifted = self._lifted(start, surface)
+            if lifted is not None and (settled := self._settled(lifted, surface, relief, 0)) is not None:
+                placed = settled.refined.placed + np.diag([HELD_M**2, HELD_M**2, 0.0, 0.0])
+                found.append(replace(settled, refined=replace(settled.refined, placed=placed)))
+        return found
 
     def headings(self, settled: Settled) -> Headings:
         """How well others would do at its place."""

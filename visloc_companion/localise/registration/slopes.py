@@ -17,12 +17,12 @@ import numpy as np
 
 from visloc_companion.localise.features.base import Float32Array, Mask
 from visloc_companion.localise.registration.base import RegistrationPrior
-from visloc_companion.localise.registration.correlation import Scores, peaks, summits
+from visloc_companion.localise.registration.correlation import Scores, summits
 from visloc_companion.localise.registration.height_map import HeightMap, smoothed
 from visloc_companion.localise.registration.pair import Pair
 from visloc_companion.localise.registration.refine import SIGMA_BOWL_M, TINY
 from visloc_companion.localise.registration.search import APART_M, hypotheses, reach_of, region
-from visloc_companion.localise.registration.similarity import about, moved
+from visloc_companion.localise.registration.similarity import moved
 from visloc_companion.localise.spectra import BlockCorrelator, Complex64Array, block_size
 from visloc_companion.types import FloatArray
 
@@ -80,11 +80,6 @@ class Ground:
     pairs: list[tuple[float, float]]
     nats: Scores
 
-    @property
-    def most(self) -> float:
-        """Of the likeliest place; 0 where nothing is known."""
-        return float(self.nats.score.max(initial=0.0))
-
     def at(self, T: FloatArray) -> float:
         """Of the place to which T (4, 4) takes the source."""
         u, v = (int(k) for k in np.rint(self._cells(moved(T, self.pair.centre_m)[:2])))
@@ -98,14 +93,6 @@ class Ground:
         rows, cols = np.nonzero(summits(self.nats))
         away = np.square(rows - v) + np.square(cols - u) >= (APART_M / self.reference.cell_m) ** 2
         return self.at(T) - float(np.max(self.nats.score[rows, cols], where=away, initial=self._by_chance))
-
-    def starts(self, most: int) -> list[FloatArray]:
-        """(4, 4) The likeliest places."""
-        found, of = [], self.reference
-        for u, v, k, _ in peaks(self.nats, APART_M / of.cell_m, most):
-            to = of.corner_m + of.cell_m * (np.array([u, v]) + 0.5)
-            found.append(about(self.pair.centre_m, *self.pairs[k], np.append(to - self.pair.centre_m[:2], 0.0)))
-        return found
 
     @property
     def _by_chance(self) -> float:
