@@ -26,8 +26,8 @@ from visloc_companion.localise.registration.pair import Pair
 from visloc_companion.localise.registration.refine import SIGMA_BOWL_M
 from visloc_companion.localise.registration.search import APART_M, hypotheses, region
 from visloc_companion.localise.registration.similarity import about, moved, scale_of, yaw_of
-from visloc_companion.localise.registration.slopes import BOWL_SLOPE
-from visloc_companion.localise.registration.surfaces import ROW
+from visloc_companion.localise.registration.slopes import BOWL_SLOPE, thinned
+from visloc_companion.localise.registration.surfaces import central_slopes, looked_up
 from visloc_companion.localise.spectra import Complex64Array
 from visloc_companion.types import FloatArray
 
@@ -66,29 +66,19 @@ class Lie:
 
     def at(self, xy_m: FloatArray) -> tuple[Complex64Array, Float32Array, Mask]:
         """(N,) slopes and heights at places (N, 2), and which are known."""
-        n, rows = len(xy_m), -(-len(xy_m) // ROW)
-        cells = np.full((2, rows * ROW), -10, np.float32)
-        cells[:, :n] = self.cells_of(xy_m).T
-        u, v = cells.reshape(2, rows, ROW)
         layers = np.stack([self.slope.real, self.slope.imag, self.height_m, self.known], -1).astype(np.float32)
-        found = cv2.remap(layers, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        east, north, height, known = found.reshape(-1, 4)[:n].T
+        east, north, height, known = looked_up(layers, self.cells_of(xy_m), cv2.INTER_LINEAR).T
         return (east + 1j * north).astype(np.complex64), np.ascontiguousarray(height), np.asarray(known > LEAST_KNOWN)
 
 
 def lie_of(heights: HeightMap) -> Lie:
     """Of a surface."""
-    cell, smooth = heights.cell_m, smoothed(heights, FINE_M)
-    h, ring = smooth.height_m, np.ones((3, 3), np.uint8)
+    smooth, ring = smoothed(heights, FINE_M), np.ones((3, 3), np.uint8)
     inner = cv2.erode(smooth.known.astype(np.uint8), ring, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
-    slope = np.zeros(h.shape, np.complex64)
-    slope[:, 1:-1] += (h[:, 2:] - h[:, :-2]) * np.float32(0.5 / cell)
-    slope[1:-1] += 1j * (h[2:] - h[:-2]) * np.float32(0.5 / cell)
-    step = max(1, round(CELL_M / cell))
-    first = step // 2
-    at = (slice(first, None, step), slice(first, None, step))
-    corner = heights.corner_m + cell * (first + 0.5 - 0.5 * step)
-    return Lie((slope * inner)[at], h[at], np.asarray(inner[at]), corner, step * cell)
+    east, north = central_slopes(smooth)
+    slope = np.asarray((east + 1j * north) * inner, dtype=np.complex64)
+    at, corner_m, cell_m = thinned(heights, CELL_M)
+    return Lie(slope[at], smooth.height_m[at], np.asarray(inner[at]), corner_m, cell_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

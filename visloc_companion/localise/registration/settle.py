@@ -73,11 +73,12 @@ class Settler:
         self.pair, self.prior = pair, replace(prior, sigma_growth_m=growth_m)
         self.cells: SourceCells = cells_of(pair.source, pair.source_relief, pair.centre_m)
 
-    def settle(self, start: FloatArray) -> Settled | None:
-        """Refine a start whose height is not known yet; None where hardly anything of the source lies on the reference."""
+    def settle(self, start: FloatArray, steps: int = STEPS) -> Settled | None:
+        """Refine a start whose height is not known yet, in so many steps; None where hardly anything of the source lies on the
+        reference."""
         surface, relief = self._near(start)
         lifted = self._lifted(start, surface)
-        return None if lifted is None else self._settled(lifted, surface, relief, STEPS)
+        return None if lifted is None else self._settled(lifted, surface, relief, steps)
 
     def settled(self, starts: Iterable[FloatArray]) -> list[Settled]:
         """Those of the starts that can be refined."""
@@ -102,9 +103,7 @@ class Settler:
         """Those of the starts of which enough lies on the reference, lifted and otherwise as they are: known to HELD_M."""
         found = []
         for start in starts:
-            surface, relief = self._near(start)
-            lifted = self._lifted(start, surface)
-            if lifted is not None and (settled := self._settled(lifted, surface, relief, 0)) is not None:
+            if (settled := self.settle(start, 0)) is not None:
                 placed = settled.refined.placed + np.diag([HELD_M**2, HELD_M**2, 0.0, 0.0])
                 found.append(replace(settled, refined=replace(settled.refined, placed=placed)))
         return found
@@ -140,9 +139,11 @@ class Settler:
             runner_up(self.pair, scores, np.array([here, best.start_m, *(s.start_m for s in rest)])),
             headings.rival(refined_yaws, apart),
         )
+        blocks_lead, alike_m2 = (
+            of_blocks(self.cells, self._near(T)[1], T) if by_blocks else (0.0, spread_m2(self.pair, scores, here, self.prior))
+        )
         placed = best.refined.placed.copy()
-        blocks_lead, blocks_m2 = of_blocks(self.cells, self._near(T)[1], T) if by_blocks else (0.0, None)
-        placed[:2, :2] += spread_m2(self.pair, scores, here, self.prior) if blocks_m2 is None else blocks_m2
+        placed[:2, :2] += alike_m2
         refined = replace(best.refined, placed=placed)
         rivals = rival, max([unrefined, *away])
         turned = [s.refined.T for s in others if is_turned(self.pair, s.refined.T, T, MOST_APART_RAD)]

@@ -23,6 +23,7 @@ from visloc_companion.localise.registration.pair import Pair
 from visloc_companion.localise.registration.refine import SIGMA_BOWL_M, TINY
 from visloc_companion.localise.registration.search import APART_M, hypotheses, reach_of, region
 from visloc_companion.localise.registration.similarity import moved
+from visloc_companion.localise.registration.surfaces import central_slopes
 from visloc_companion.localise.spectra import BlockCorrelator, Complex64Array, block_size
 from visloc_companion.types import FloatArray
 
@@ -52,22 +53,23 @@ class Slopes:
 
 def slopes_of(heights: HeightMap) -> Slopes:
     """Of a surface."""
-    cell = heights.cell_m
-    smooth = smoothed(heights, FINE_M)
-    h, ring = smooth.height_m, np.ones((3, 3), np.uint8)
+    smooth, ring = smoothed(heights, FINE_M), np.ones((3, 3), np.uint8)
     known = cv2.erode(smooth.known.astype(np.float32), ring, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    east, north = np.zeros_like(h), np.zeros_like(h)
-    east[:, 1:-1] = (h[:, 2:] - h[:, :-2]) * np.float32(0.5 / cell)
-    north[1:-1] = (h[2:] - h[:-2]) * np.float32(0.5 / cell)
+    east, north = central_slopes(smooth)
     weight = known / np.square(1 + (np.square(east) + np.square(north)) / np.float32(GENTLE**2))
-    blurred = [_blur(np.asarray(a, np.float32), SPREAD_M / cell) for a in (weight * east, weight * north, weight)]
+    blurred = [_blur(np.asarray(a, np.float32), SPREAD_M / heights.cell_m) for a in (weight * east, weight * north, weight)]
     enough = blurred[2] > LEAST_KNOWN
     slope = (blurred[0] + 1j * blurred[1]) / np.maximum(blurred[2], np.float32(LEAST_KNOWN)) * enough
-    step = max(1, round(CELL_M / cell))
+    at, corner_m, cell_m = thinned(heights, CELL_M)
+    return Slopes(slope[at].astype(np.complex64), enough[at], corner_m, cell_m)
+
+
+def thinned(heights: HeightMap, cell_m: float) -> tuple[tuple[slice, slice], FloatArray, float]:
+    """Which rows and columns of a map stand for cells of about `cell_m`, and the corner and side of these, metres."""
+    step = max(1, round(cell_m / heights.cell_m))
     first = step // 2
-    at = (slice(first, None, step), slice(first, None, step))
-    corner = heights.corner_m + cell * (first + 0.5 - 0.5 * step)
-    return Slopes(slope[at].astype(np.complex64), enough[at], corner, step * cell)
+    every = slice(first, None, step)
+    return (every, every), heights.corner_m + heights.cell_m * (first + 0.5 - 0.5 * step), step * heights.cell_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,12 +28,7 @@ class Surface:
 
     def at(self, xy_m: FloatArray) -> Float32Array:
         """(N, 4) the layers at places (N, 2)."""
-        n, rows = len(xy_m), -(-len(xy_m) // ROW)
-        cells = np.full((2, rows * ROW), -10, np.float32)
-        cells[:, :n] = self.heights.cells_of(xy_m).T
-        u, v = cells.reshape(2, rows, ROW)
-        found = cv2.remap(self.layers, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
-        return np.asarray(found.reshape(-1, 4)[:n], dtype=np.float32)
+        return looked_up(self.layers, self.heights.cells_of(xy_m), cv2.INTER_CUBIC)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,13 +58,28 @@ class Met:
     north: FloatArray
 
 
-def surface_of(heights: HeightMap) -> Surface:
-    """Slopes by central differences."""
+def looked_up(layers: Float32Array, cells: FloatArray, interpolation: int) -> Float32Array:
+    """(N, K) layers (H, W, K) interpolated at cells (N, 2), column and row; 0 beyond them."""
+    n, rows = len(cells), -(-len(cells) // ROW)
+    at = np.full((2, rows * ROW), -10, np.float32)
+    at[:, :n] = cells.T
+    u, v = at.reshape(2, rows, ROW)
+    found = cv2.remap(layers, u, v, interpolation, borderMode=cv2.BORDER_CONSTANT)
+    return np.asarray(found.reshape(-1, layers.shape[2])[:n], dtype=np.float32)
+
+
+def central_slopes(heights: HeightMap) -> tuple[Float32Array, Float32Array]:
+    """(H, W) slopes to the east and to the north by central differences; 0 at the border."""
     h, step = heights.height_m, np.float32(0.5 / heights.cell_m)
     east, north = np.zeros_like(h), np.zeros_like(h)
     east[:, 1:-1] = (h[:, 2:] - h[:, :-2]) * step
     north[1:-1] = (h[2:] - h[:-2]) * step
-    return Surface(np.stack([h, east, north, heights.known.astype(np.float32)], -1), heights)
+    return east, north
+
+
+def surface_of(heights: HeightMap) -> Surface:
+    """With its slopes."""
+    return Surface(np.stack([heights.height_m, *central_slopes(heights), heights.known.astype(np.float32)], -1), heights)
 
 
 def cells_of(heights: HeightMap, relief: HeightMap, centre_m: FloatArray) -> SourceCells:

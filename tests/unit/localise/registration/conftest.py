@@ -7,6 +7,14 @@ import numpy as np
 import pytest
 
 from visloc_companion.localise.registration.base import RegistrationPrior
+from visloc_companion.localise.registration.pair import Pair, make_pair
+from visloc_companion.localise.registration.similarity import moved
+
+SIDE_M = 300
+"""Of the ground on which something else stands than before."""
+TRUE_M = np.array([24.0, -31.0])
+"""From where a source of it lies to where it belongs."""
+PRIOR = RegistrationPrior(40.0, 3.0, np.radians(3.0), np.radians(0.5), 0.01)
 
 
 @dataclass(frozen=True)
@@ -54,6 +62,30 @@ def cloud(heights, rng, centre, side_m: float, per_m2: float, noise_m: float) ->
     xy = rng.uniform(-side_m / 2, side_m / 2, (int(per_m2 * side_m**2), 2)) + centre
     parts = [heights(some) for some in np.array_split(xy, max(1, len(xy) // 20_000))]
     return np.column_stack([xy, np.concatenate(parts) + rng.normal(0, noise_m, len(xy))])
+
+
+def gentle(seed: int = 3) -> np.ndarray:
+    """(SIDE_M, SIDE_M) heights of gentle ground, a slope of 0.05."""
+    grid = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal((SIDE_M, SIDE_M)), (0, 0), 25)
+    return grid * (0.05 / np.gradient(grid)[0].std())
+
+
+def before_and_now(before: np.ndarray, now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Source and reference of gentle ground with this on it (SIDE_M, SIDE_M); the source lies TRUE_M from where it belongs."""
+    rng = np.random.default_rng(8)
+    reference = cloud(at_places(gentle() + before, SIDE_M / 2), rng, np.zeros(2), SIDE_M - 20, 1.0, 0.05)
+    source = cloud(at_places(gentle() + now, SIDE_M / 2), rng, TRUE_M, 66, 4.0, 0.15)
+    return source - np.append(TRUE_M, 0.0), reference
+
+
+def pair_of(clouds: tuple[np.ndarray, np.ndarray], prior: RegistrationPrior = PRIOR) -> Pair:
+    pair = make_pair(*clouds, prior)
+    assert isinstance(pair, Pair)
+    return pair
+
+
+def off_m(pair: Pair, T: np.ndarray) -> float:
+    return float(np.hypot(*(moved(T, pair.centre_m) - pair.centre_m)[:2] - TRUE_M))
 
 
 @pytest.fixture(scope="session")

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
-from tests.unit.localise.registration.conftest import at_places, cloud
+from tests.unit.localise.registration.conftest import PRIOR, SIDE_M, TRUE_M, before_and_now, off_m, pair_of
 from visloc_companion.localise.registration.base import Registered, RegistrationPrior
 from visloc_companion.localise.registration.choice import Choice
 from visloc_companion.localise.registration.correlation import peaks
@@ -16,10 +15,6 @@ from visloc_companion.localise.registration.pair import Pair, make_pair
 from visloc_companion.localise.registration.search import APART_M
 from visloc_companion.localise.registration.similarity import about, moved, turned, with_linear
 from visloc_companion.localise.registration.slopes import Ground, ground_of, slopes_of
-
-SIDE_M = 300
-TRUE_M = np.array([24.0, -31.0])
-PRIOR = RegistrationPrior(40.0, 3.0, np.radians(3.0), np.radians(0.5), 0.01)
 
 
 def fields(seed: int) -> np.ndarray:
@@ -32,29 +27,10 @@ def fields(seed: int) -> np.ndarray:
     return crops
 
 
-def bare(seed: int = 3) -> np.ndarray:
-    """(SIDE_M, SIDE_M) heights of gentle ground, a slope of 0.05."""
-    grid = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal((SIDE_M, SIDE_M)), (0, 0), 25)
-    return grid * (0.05 / np.gradient(grid)[0].std())
-
-
 @pytest.fixture(scope="module")
 def farmland() -> tuple[np.ndarray, np.ndarray]:
     """Source and reference of gentle ground with other parcels than before; the source lies TRUE_M from where it belongs."""
-    rng = np.random.default_rng(8)
-    reference = cloud(at_places(bare() + fields(1), SIDE_M / 2), rng, np.zeros(2), SIDE_M - 20, 1.0, 0.05)
-    source = cloud(at_places(bare() + fields(2), SIDE_M / 2), rng, TRUE_M, 66, 4.0, 0.15)
-    return source - np.append(TRUE_M, 0.0), reference
-
-
-def pair_of(clouds: tuple[np.ndarray, np.ndarray], prior: RegistrationPrior = PRIOR) -> Pair:
-    pair = make_pair(*clouds, prior)
-    assert isinstance(pair, Pair)
-    return pair
-
-
-def off_m(pair: Pair, T: np.ndarray) -> float:
-    return float(np.hypot(*(moved(T, pair.centre_m) - pair.centre_m)[:2] - TRUE_M))
+    return before_and_now(fields(1), fields(2))
 
 
 def likeliest(pair: Pair, ground: Ground, most: int) -> list[np.ndarray]:
