@@ -1,5 +1,7 @@
 """Fit what registration claims: `python -m benchmarks.calibrate_clouds CLOUDS WORK [--n N] [--seeds ...] [--hold K]`.
 
+Answers are kept in WORK/answers, a file for the clouds and one for each world: what is there is taken up again.
+
 On four places of CLOUDS (`benchmarks.cloud_sets.cloud_cases.FITTED`), both levels; the same with a thinned reference; sources on
 the reference of another of these places, where there is no right answer; made clouds without information
 (`benchmarks/cloud_sets/bare_clouds.py`); and the procedural landscape (`benchmarks/cloud_sets/cloud_landscape.py`), also on other
@@ -11,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import warnings
-from itertools import chain
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +22,12 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from benchmarks.cloud_sets.bare_clouds import write_bare_clouds
-from benchmarks.cloud_sets.cloud_answers import CloudAnswer, answer_of
+from benchmarks.cloud_sets.cloud_answers import CloudAnswer, answers
 from benchmarks.cloud_sets.cloud_cases import FITTED, LEVELS, SPARSE, CloudCase, elsewhere, make, read, thinned
-from benchmarks.cloud_sets.cloud_landscape import training_cases
+from benchmarks.cloud_sets.cloud_landscape import TRAINING, TRAINING_ELSEWHERE, training_cases
+from benchmarks.cloud_sets.kept_answers import kept
 from visloc_companion.evaluate.reliability import reliability
+from visloc_companion.localise.registration.base import RegistrationMethod
 from visloc_companion.localise.registration.claims import WEIGHTS, at_least, regressors
 from visloc_companion.localise.registration.evidence import Evidence
 from visloc_companion.localise.registration.registry import METHODS, make_registration
@@ -61,10 +65,11 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=10, help="cases a cloud, scenario and level")
     parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS, help="of the landscape")
     parser.add_argument("--hold", type=int, default=0, help="so many of the weights that ship stay as they are")
+    errors_m, places = zip(*TRAINING, strict=True)
+    parser.add_argument("--places", type=int, nargs=4, default=places, help=f"of a landscape, the prior off by {errors_m} m")
+    parser.add_argument("--elsewhere", type=int, default=TRAINING_ELSEWHERE, help="sources on the ground of the seed before")
     args = parser.parse_args()
-    method = make_registration(args.method, 1.0)
-    cases = chain(fit_cases(args.clouds, args.work, args.n), training_cases(args.seeds))
-    found = [a for a in (answer_of(method, case) for case in cases) if not a.reason]
+    found = [a for a in collected(args) if not a.reason]
     evidence = [Evidence(**a.evidence) for a in found]
     x = np.array([regressors(e) for e in evidence])
     right = np.array([not a.wrong and a.cover in PLACES for a in found], dtype=np.float64)
@@ -83,6 +88,24 @@ def main() -> None:
         )
     for line in sigma_lines([a for a, r in zip(found, right, strict=True) if r]):
         print(line)
+
+
+def collected(args: argparse.Namespace) -> list[CloudAnswer]:
+    """Of the clouds and of each world, every answer accepted."""
+    folder, method = args.work / "answers", make_registration(args.method, 1.0)
+    of_clouds = f"{args.method}_clouds_{SEED}_{args.n}"
+    found = kept(folder, of_clouds, lambda: answers(method, fit_cases(args.clouds, args.work, args.n))) if args.n else []
+    size = "_".join(str(k) for k in (*args.places, args.elsewhere))
+    for before, seed in zip((None, *args.seeds), args.seeds, strict=False):
+        of_world = partial(_answers_of_world, method, seed, before, args)
+        found += kept(folder, f"{args.method}_landscape_{seed}_after_{before}_{size}", of_world)
+        print(f"{len(found)} answers", flush=True)
+    return found
+
+
+def _answers_of_world(method: RegistrationMethod, seed: int, before: int | None, args: argparse.Namespace) -> list[CloudAnswer]:
+    places = [(error_m, n) for (error_m, _), n in zip(TRAINING, args.places, strict=True)]
+    return answers(method, training_cases(seed, before, places, args.elsewhere))
 
 
 def fitted(x: Array, right: Array, held: Weights = ()) -> Array:

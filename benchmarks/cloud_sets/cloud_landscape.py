@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -65,17 +66,22 @@ class LandscapeWorld:
         return replace(case, name=f"{case.name}_on_{other.seed}", reference_m=reference, T_true=None)
 
 
-def training_cases(seeds: Sequence[int]) -> Iterator[CloudCase]:
-    """To fit claims on, a world at a time; every place is another one."""
-    before: LandscapeWorld | None = None
-    for seed in seeds:
-        world, k = LandscapeWorld.built(seed), 0
-        for error_m, n in TRAINING:
-            yield from (world.case(i, error_m) for i in range(k, k + n))
-            k += n
-        if before is not None:
-            yield from (world.elsewhere(i, before) for i in range(k, k + TRAINING_ELSEWHERE))
-        before = world
+def training_cases(
+    seed: int, before: int | None, places: Sequence[tuple[float, int]] = TRAINING, elsewhere: int = TRAINING_ELSEWHERE
+) -> Iterator[CloudCase]:
+    """To fit claims on, of one world: so many `places` for each error of the prior, and so many `elsewhere`, on the ground of the
+    world before if there is one; every place is another one."""
+    world, k = _world(seed), 0
+    for error_m, n in places:
+        yield from (world.case(i, error_m) for i in range(k, k + n))
+        k += n
+    if before is not None:
+        yield from (world.elsewhere(i, _world(before)) for i in range(k, k + elsewhere))
+
+
+@lru_cache(maxsize=2)
+def _world(seed: int) -> LandscapeWorld:
+    return LandscapeWorld.built(seed)
 
 
 def _points(

@@ -8,6 +8,7 @@ here; what their rivals reach is the same for all of them. Where that leaves a d
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -73,10 +74,14 @@ class Choice:
             self._nats[settled] = self._lasting.at(settled.refined.T) - self._lasting.most
         return self._nats[settled]
 
-    def ground_lead(self, settled: Settled) -> float:
+    def ground_leads(self, settled: Settled, rest: Iterable[Settled]) -> tuple[float, float]:
         """How much likelier than any other place a candidate is by the slopes of the ground (nats), which alone tell places apart
-        where nothing stands; 0 at least, and where there was no doubt."""
-        return 0.0 if self._ground is None else max(self._ground.lead(settled.refined.T), 0.0)
+        where nothing stands, and, than the `rest` as well, by the ground that has not changed; 0 at least, and where there was no
+        doubt."""
+        if self._ground is None or self._lasting is None:
+            return 0.0, 0.0
+        lasting = self._lasting.lead(settled.refined.T, (other.refined.T for other in rest))
+        return max(self._ground.lead(settled.refined.T), 0.0), max(lasting, 0.0)
 
     def doubted(self, settled: Settled) -> list[FloatArray]:
         """(4, 4) Where else to start, where a candidate hardly leads by all looks: the best places of the finer relief and of

@@ -17,11 +17,13 @@ from visloc_companion.localise.registration.refine import Refined
 from visloc_companion.localise.verify import logistic
 from visloc_companion.types import FloatArray
 
-WEIGHTS = (-0.277, 5.54, 12.6, -0.484, -4.13, -0.575, 1.21, 3.0, 1.0)
+WEIGHTS = (-0.277, 5.54, 12.6, -0.484, -4.13, -0.575, 1.21, 3.0, 1.0, 0.5)
 """On `regressors`: log-odds of being right. Fitted on answers of the search; they fit those of the other methods as well, since
-the evidence asks nothing of how a registration was found. The last two were fitted beside the others, which were held."""
-USUAL_RARE, MOST_RARE, MOST_GROUND = 0.75, 3.0, 12.0
-"""What is rare counts where it leads by more than the first, by so much at most; and so many nats of the ground."""
+the evidence asks nothing of how a registration was found. The last three were set beside the others, which were
+held; the last is less than half of what fits ask for, as few wrong places that lead were seen."""
+USUAL_RARE, MOST_RARE, MOST_GROUND, MOST_LASTING = 0.75, 3.0, 12.0, 30.0
+"""What is rare counts where it leads by more than the first, by so much at most; so many nats of the ground, and of the ground
+that has not changed."""
 SURE_RARE, SURE_GROUND = 1.5, 6.0
 """From either on, a place is no other one whatever else is as likely."""
 POWER = 1.5
@@ -52,10 +54,11 @@ for the distance from the prior where that is too large."""
 
 def regressors(e: Evidence) -> tuple[float, ...]:
     """What the log-odds are linear in: the lead, that by all looks at once, how far the place is from the prior, how much the
-    cloud is bent to fit, how loosely it is held, how much of the source agrees, how rare that is, and the lead of the ground."""
+    cloud is bent to fit, how loosely it is held, how much of the source agrees, how rare that is, the lead of the ground and that
+    of the ground that has not changed."""
     far, bent, held = min(e.prior_chi2, MOST_CHI2), min(abs(e.bowl_m), MOST_BOWL_M), min(e.formal_sigma_m, MOST_SIGMA_M)
     beyond_usual = min(max(rare(e) - USUAL_RARE, 0.0), MOST_RARE)
-    return (1.0, lead(e), e.joint_lead, far, bent, held, e.blocks, beyond_usual, ground(e))
+    return (1.0, lead(e), e.joint_lead, far, bent, held, e.blocks, beyond_usual, ground(e), lasting(e))
 
 
 def lead(e: Evidence) -> float:
@@ -72,6 +75,11 @@ def rare(e: Evidence) -> float:
 def ground(e: Evidence) -> float:
     """By how many nats the ground tells the place; 0 where the place is held loosely, for the ground tells it to some metres."""
     return min(e.ground_lead, MOST_GROUND) if e.formal_sigma_m <= LOOSE_M else 0.0
+
+
+def lasting(e: Evidence) -> float:
+    """By how many nats the ground that has not changed tells the place."""
+    return min(e.lasting_lead, MOST_LASTING)
 
 
 def unlike(e: Evidence) -> bool:

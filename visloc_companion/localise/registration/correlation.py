@@ -100,18 +100,18 @@ def _score(of_one: Complex64Array, of_height: Complex64Array, of_squares: Comple
     return score
 
 
-def summits(scores: Scores) -> Mask:
+def summits(score: Float32Array) -> Mask:
     """(rows, cols) which positions are no lower than their eight neighbours."""
-    if not scores.score.size:
-        return np.zeros(scores.score.shape, np.bool_)
-    return np.asarray(scores.score == cv2.dilate(scores.score, np.ones((3, 3), np.uint8)))
+    if not score.size:
+        return np.zeros(score.shape, np.bool_)
+    return np.asarray(score == cv2.dilate(score, np.ones((3, 3), np.uint8)))
 
 
 def peaks(scores: Scores, apart: float, most: int) -> list[tuple[int, int, int, float]]:
     """(u, v, hypothesis, score) of the highest positions at least so many cells from each other, best first."""
     if not scores.score.size:
         return []
-    left = np.where(summits(scores), scores.score, np.float32(NO_SCORE))
+    left = np.where(summits(scores.score), scores.score, np.float32(NO_SCORE))
     rows, cols = np.ogrid[: left.shape[0], : left.shape[1]]
     found = []
     for _ in range(most):

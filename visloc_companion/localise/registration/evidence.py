@@ -45,7 +45,8 @@ class Evidence:
     `source_strays` and `reference_strays`: numbers of points that were left out (pair.Pair); `rounding_m`: sigma of what heights
     in steps are off by, in the cloud that has the larger ones; `ground_lead`: nats by which the slopes of the ground make the
     place likelier than any other, 0 where they were not asked (choice.Choice); `blocks_lead`: nats by which the blocks that have
-    not changed make it likelier than what lies 2.5 to 6 m beside (nearby.of_blocks), 0 where they were not asked."""
+    not changed make it likelier than what lies 2.5 to 6 m beside (nearby.of_blocks), 0 where they were not asked; `lasting_lead`:
+    as `ground_lead`, by the ground that has not changed, cell by cell (lasting.Lasting)."""
 
     correlation: float
     overlap: float
@@ -68,6 +69,7 @@ class Evidence:
     rare_lead: float = 0.0
     ground_lead: float = 0.0
     blocks_lead: float = 0.0
+    lasting_lead: float = 0.0
 
     @property
     def terraced(self) -> bool:
@@ -126,7 +128,6 @@ def evidence_of(
     turned: Sequence[FloatArray],
     unseen: float,
     prior: RegistrationPrior,
-    ground_lead: float = 0.0,
 ) -> Evidence:
     """All that is known of one registration. `rivals`: Evidence's `rival` and `refined_rival`; `turned`: similarities (4, 4) of
     the same place with another heading, which leads.py looks at too."""
@@ -152,7 +153,6 @@ def evidence_of(
         math.sqrt(max(float(s.unknown_m2[UP]) for s in pair.sampling)),
         leads.joint,
         leads.rare,
-        ground_lead,
     )
 
 

@@ -60,8 +60,8 @@ class HeightSearchRegistration:
             what = f"the refinement slid {best.slid_m:.1f} m from where the search had found it"
             return NotRegistered(Reason.REFINEMENT_DIVERGED, what)
         rest = [s for s in settled if s is not found] + besides
-        ground_lead = 0.0 if choice is None else choice.ground_lead(best)
-        return settler.answer(best, rest, scores, headings, self.max_probability_wrong, ground_lead, self.by_score)
+        ground_leads = (0.0, 0.0) if choice is None else choice.ground_leads(best, rest)
+        return settler.answer(best, rest, scores, headings, self.max_probability_wrong, ground_leads, self.by_score)
 
 
 def _elsewhere(choice: Choice, settler: Settler, best: Settled) -> list[Settled]:

@@ -13,6 +13,7 @@ so is the height, by the cells that are alike. First all places are looked at ro
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -21,26 +22,26 @@ from numpy.typing import NDArray
 
 from visloc_companion.localise.features.base import Float32Array, Mask
 from visloc_companion.localise.registration.base import RegistrationPrior
-from visloc_companion.localise.registration.height_map import HeightMap, smoothed
-from visloc_companion.localise.registration.pair import Pair
+from visloc_companion.localise.registration.height_map import HeightMap
+from visloc_companion.localise.registration.pair import GENTLE_M, Pair
 from visloc_companion.localise.registration.refine import SIGMA_BOWL_M
 from visloc_companion.localise.registration.search import APART_M, hypotheses, region
 from visloc_companion.localise.registration.similarity import about, moved, scale_of, yaw_of
-from visloc_companion.localise.registration.slopes import BOWL_SLOPE, thinned
+from visloc_companion.localise.registration.slopes import BOWL_SLOPE, by_chance, thinned
 from visloc_companion.localise.registration.surfaces import central_slopes, looked_up
 from visloc_companion.localise.spectra import Complex64Array
 from visloc_companion.types import FloatArray
 
 CELL_M, STEP_M = 2.0, 4.0
 """About the side of the cells of slopes; about how far apart those of the source are that are compared, and places."""
-FINE_M = 2.0
-"""Sigma of the mean of the heights that slopes are taken from."""
 ALIKE, CHANGED = 0.007, 0.5
 """1-sigma on each axis by which slopes differ where nothing has changed; share of the cells where something has."""
 GROWTH_M, MOST_FAR = 1.0, 15.0
 """Heights of fields differ by this beside the prior's (1-sigma); nats that a height far from it costs at most."""
 ROUGHLY, EVERY = 0.03, 3
 """The first look takes slopes for alike that differ by about this, and every third cell each way."""
+RIVALS = 8
+"""So many of the likeliest places are others that a place has to lead."""
 COMPARED, ROUNDS = 600, 5
 """So many places of the first look are compared whole, with so many rounds for tilt and bowl."""
 LEAST_KNOWN, LEAST_OVERLAP = 0.9, 0.5
@@ -71,13 +72,13 @@ class Lie:
         return (east + 1j * north).astype(np.complex64), np.ascontiguousarray(height), np.asarray(known > LEAST_KNOWN)
 
 
-def lie_of(heights: HeightMap) -> Lie:
-    """Of a surface."""
-    smooth, ring = smoothed(heights, FINE_M), np.ones((3, 3), np.uint8)
+def lie_of(smooth: HeightMap) -> Lie:
+    """Of a surface, given its means over GENTLE_M."""
+    ring = np.ones((3, 3), np.uint8)
     inner = cv2.erode(smooth.known.astype(np.uint8), ring, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
     east, north = central_slopes(smooth)
     slope = np.asarray((east + 1j * north) * inner, dtype=np.complex64)
-    at, corner_m, cell_m = thinned(heights, CELL_M)
+    at, corner_m, cell_m = thinned(smooth, CELL_M)
     return Lie(slope[at], smooth.height_m[at], np.asarray(inner[at]), corner_m, cell_m)
 
 
@@ -98,7 +99,8 @@ class Lasting:
     """Nats by which the lie of the source's ground is likelier at a place than that of any ground of the reference."""
 
     def __init__(self, pair: Pair, prior: RegistrationPrior) -> None:
-        self._pair, self._prior, self._reference, source = pair, prior, lie_of(pair.reference), lie_of(pair.source)
+        self._pair, self._prior = pair, prior
+        source, self._reference = (lie_of(heights) for heights in pair.gentle)
         along = np.arange(-pair.half_m + STEP_M / 2, pair.half_m, STEP_M)
         off = np.stack(np.meshgrid(along, along), -1).reshape(-1, 2)
         slope, height, known = source.at(off + pair.centre_m[:2])
@@ -107,7 +109,10 @@ class Lasting:
         few[EVERY // 2 :: EVERY, EVERY // 2 :: EVERY] = True
         self._few = few.ravel()[known]
         self._usual = _usual(self._reference, self._slope)
-        looked_at = self._first_look()
+        pairs = hypotheses(pair.half_m, self._reference.cell_m, prior)
+        low, high = region(pair, prior)
+        self._by_chance = by_chance(float(np.prod(np.maximum(high - low + 1, 0))) * pair.reference.cell_m**2, len(pairs))
+        looked_at = self._first_look(pairs, low, high)
         nats = self._nats(looked_at)
         order = np.argsort(-nats, kind="stable")
         self._places, self._found = looked_at.some(order), nats[order]
@@ -121,6 +126,17 @@ class Lasting:
         """Of the place to which T (4, 4) takes the source, or the likeliest so near; 0 where too little is known."""
         return max(float(self._nats(self._about(T, (0.0,))).max()), 0.0)
 
+    def lead(self, T: FloatArray, others: Iterable[FloatArray] = ()) -> float:
+        """Of the place to which T (4, 4) takes the source, above the likeliest that is another place, or above what the likeliest
+        of so many places has by chance. Compared are those of `others` and the likeliest places, each at its best nearby."""
+        here, rival = moved(T, self._pair.centre_m)[:2], self._by_chance
+        for other in (*others, *self.starts(RIVALS)):
+            near = self._near(other)
+            away = np.hypot(*(near.xy_m - here).T) >= APART_M
+            if away.any():
+                rival = max(rival, float(self._nats(near.some(np.nonzero(away)[0])).max()))
+        return float(self._nats(self._near(T)).max()) - rival
+
     def starts(self, most: int) -> list[FloatArray]:
         """(4, 4) The likeliest places."""
         found: list[FloatArray] = []
@@ -133,9 +149,13 @@ class Lasting:
 
     def placed(self, T: FloatArray) -> FloatArray:
         """(4, 4) The likeliest similarity near T, which lies within a step of it in place and heading."""
-        turn = STEP_M / self._pair.half_m
-        near = self._about(T, (-turn / 2, -turn / 4, 0.0, turn / 4, turn / 2))
+        near = self._near(T)
         return self._similarity(near, int(np.argmax(self._nats(near))))
+
+    def _near(self, T: FloatArray) -> Places:
+        """Places within half a step of that of T (4, 4), and headings."""
+        turn = STEP_M / self._pair.half_m
+        return self._about(T, (-turn / 2, -turn / 4, 0.0, turn / 4, turn / 2))
 
     def _about(self, T: FloatArray, turns_rad: tuple[float, ...]) -> Places:
         side = np.linspace(-STEP_M / 2, STEP_M / 2, 5)
@@ -147,10 +167,9 @@ class Lasting:
         shift = np.append(of.xy_m[k] - self._pair.centre_m[:2], 0.0)
         return about(self._pair.centre_m, float(of.yaw_rad[k]), float(of.scale[k]), shift)
 
-    def _first_look(self) -> Places:
+    def _first_look(self, pairs: list[tuple[float, float]], low: NDArray[np.int_], high: NDArray[np.int_]) -> Places:
         """The best places of the prior's region, each at its best heading and scale, by a few cells."""
-        of, pair, pairs = self._reference, self._pair, hypotheses(self._pair.half_m, self._reference.cell_m, self._prior)
-        low, high = region(pair, self._prior)
+        of, pair = self._reference, self._pair
         low_m, high_m = (pair.reference.corner_m + pair.reference.cell_m * (k + 0.5) for k in (low, high))
         first, last = np.ceil(of.cells_of(low_m)).astype(int), np.floor(of.cells_of(high_m)).astype(int)
         step = max(1, round(STEP_M / of.cell_m))
@@ -188,7 +207,7 @@ class Lasting:
         differ, arm = slope - self._slope * turn, out / self._pair.half_m
         tilt, bowl = np.zeros(len(out), np.complex128), np.zeros(len(out))
         tilt_2, bowl_2 = max(self._prior.sigma_tilt_rad, LEAST_TILT) ** 2, (BOWL_SLOPE * SIGMA_BOWL_M / self._pair.half_m) ** 2
-        share = STEP_M**2 / (4 * math.pi * FINE_M**2)  # what a cell tells that its neighbours do not
+        share = STEP_M**2 / (4 * math.pi * GENTLE_M**2)  # what a cell tells that its neighbours do not
         for left in range(ROUNDS, -1, -1):
             square = np.square(np.abs(differ - tilt[:, None] - bowl[:, None] * arm))
             alike = math.log((1 - CHANGED) / (2 * math.pi * ALIKE**2)) - square / (2 * ALIKE**2)

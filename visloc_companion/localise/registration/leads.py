@@ -14,7 +14,7 @@ import numpy as np
 
 from visloc_companion.localise.features.base import Float32Array
 from visloc_companion.localise.registration.base import RegistrationPrior
-from visloc_companion.localise.registration.correlation import NO_SCORE, HeightCorrelator, Scores, summits
+from visloc_companion.localise.registration.correlation import NO_SCORE, HeightCorrelator, summits
 from visloc_companion.localise.registration.handicap import of_place, of_turn
 from visloc_companion.localise.registration.pair import Pair
 from visloc_companion.localise.registration.parts import Cells, mean_z, means, z_of
@@ -58,7 +58,7 @@ def leads_of(pair: Pair, T: FloatArray, prior: RegistrationPrior, turned: Sequen
     found, rival_m = [], None
     for k, z in enumerate(_looks(pair, T, prior, (low, high))):
         own = float(np.max(z, where=cells <= NEAR_CELLS, initial=NO_SCORE))
-        away = np.where(summits(Scores(z, np.zeros(z.shape, np.int32), (0, 0))) & apart, z, np.float32(0))
+        away = np.where(summits(z) & apart, z, np.float32(0))
         row, col = np.unravel_index(int(np.argmax(away)), z.shape)
         found.append(max(own, 0.0) - max([float(away[row, col]), *(float(b[k]) for b in beside)]))
         rival_m = _middle_m(pair, low, int(row), int(col)) if away[row, col] > 0 else None

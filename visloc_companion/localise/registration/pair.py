@@ -38,6 +38,8 @@ STRAY_SHARE = 0.05
 """Source points farther out than this share of the width of 99.8 % of them are strays."""
 FINE_M, FINE_CELLS = 2.0, 1.0
 """The finer relief is what stands out of a Gaussian mean of this sigma, at least so many cells."""
+GENTLE_M = 2.0
+"""Sigma of the mean of the heights that slopes of the ground are taken from."""
 ROUNDED = 1e-6
 SIGMAS = 3.0
 """The prior is searched, and the reference looked at, so far."""
@@ -72,6 +74,11 @@ class Pair:
         sigma_m = max(FINE_M, FINE_CELLS * self.reference.cell_m)
         source, reference = (high_passed(of, sigma_m) for of in (self.source, self.reference))
         return replace(self, source_relief=source, reference_relief=reference)
+
+    @cached_property
+    def gentle(self) -> tuple[HeightMap, HeightMap]:
+        """Source and reference as the means that slopes of the ground are taken from."""
+        return smoothed(self.source, GENTLE_M), smoothed(self.reference, GENTLE_M)
 
 
 def make_pair(source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Pair | NotRegistered:

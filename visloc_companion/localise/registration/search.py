@@ -91,7 +91,7 @@ def search(pair: Pair, pairs: list[tuple[float, float]], prior: RegistrationPrio
 def runner_up(pair: Pair, scores: Scores, at_m: FloatArray) -> float:
     """The highest peak at least APART_M from places (..., 2), 0 where there is none. The sides of a place's own are no peaks."""
     u, v = (pair.reference.cells_of(np.reshape(at_m, (-1, 2))) - scores.origin).T[:, :, None]
-    rows, cols = np.nonzero(summits(scores))
+    rows, cols = np.nonzero(summits(scores.score))
     away = ((rows - v) ** 2 + (cols - u) ** 2 >= (APART_M / pair.reference.cell_m) ** 2).all(0)
     return max(0.0, float(np.max(scores.score[rows, cols], where=away, initial=0.0)))
 

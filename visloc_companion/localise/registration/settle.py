@@ -123,11 +123,12 @@ class Settler:
         scores: Scores,
         headings: Headings,
         max_probability_wrong: float,
-        ground_lead: float = 0.0,
+        ground_leads: tuple[float, float] = (0.0, 0.0),
         by_blocks: bool = False,
     ) -> Registered | NotRegistered:
         """The claim for the best of the candidates, against what else scores well, also turned, and the rest of them, which are
-        refined too; `ground_lead` as Evidence. `by_blocks`: those that have not changed say what is alike beside it, not all."""
+        refined too; `ground_leads` as Evidence's `ground_lead` and `lasting_lead`. `by_blocks`: those that have not changed say
+        what is alike beside it, not all."""
         T, apart = best.refined.T, apart_rad(self.pair)
         here = moved(T, self.pair.centre_m)[:2]
         others = [s for s in rest if are_two(self.pair, s.refined.T, T)]
@@ -147,9 +148,10 @@ class Settler:
         refined = replace(best.refined, placed=placed)
         rivals = rival, max([unrefined, *away])
         turned = [s.refined.T for s in others if is_turned(self.pair, s.refined.T, T, MOST_APART_RAD)]
-        ground_lead = 0.0 if turned else ground_lead  # the best heading of a place is all that the ground was asked for
-        evidence = evidence_of(self.pair, best.found, refined, rivals, turned, scores.unseen, self.prior, ground_lead)
-        evidence = replace(evidence, blocks_lead=blocks_lead)
+        evidence = evidence_of(self.pair, best.found, refined, rivals, turned, scores.unseen, self.prior)
+        if turned:
+            ground_leads = (0.0, 0.0)  # the best heading of a place is all that the ground was asked for
+        evidence = replace(evidence, ground_lead=ground_leads[0], lasting_lead=ground_leads[1], blocks_lead=blocks_lead)
         return answer(self._with_rounding(refined), evidence, self.prior, max_probability_wrong)
 
     def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:

@@ -17,9 +17,9 @@ import numpy as np
 
 from visloc_companion.localise.features.base import Float32Array, Mask
 from visloc_companion.localise.registration.base import RegistrationPrior
-from visloc_companion.localise.registration.correlation import Scores, summits
-from visloc_companion.localise.registration.height_map import HeightMap, smoothed
-from visloc_companion.localise.registration.pair import Pair
+from visloc_companion.localise.registration.correlation import summits
+from visloc_companion.localise.registration.height_map import HeightMap
+from visloc_companion.localise.registration.pair import GENTLE_M, Pair
 from visloc_companion.localise.registration.refine import SIGMA_BOWL_M, TINY
 from visloc_companion.localise.registration.search import APART_M, hypotheses, reach_of, region
 from visloc_companion.localise.registration.similarity import moved
@@ -29,8 +29,8 @@ from visloc_companion.types import FloatArray
 
 CELL_M = 2.0
 """About the side of the cells that slopes are compared on."""
-FINE_M, SPREAD_M = 2.0, 6.0
-"""Sigmas of the heights that slopes are taken from, and of the mean of these."""
+SPREAD_M = 6.0
+"""Sigma of the mean of the slopes."""
 GENTLE = 0.15
 """A slope at which a cell counts a quarter (Geman and McClure)."""
 LEAST_KNOWN, LEAST_OVERLAP = 0.2, 0.5
@@ -51,16 +51,16 @@ class Slopes:
     cell_m: float
 
 
-def slopes_of(heights: HeightMap) -> Slopes:
-    """Of a surface."""
-    smooth, ring = smoothed(heights, FINE_M), np.ones((3, 3), np.uint8)
+def slopes_of(smooth: HeightMap) -> Slopes:
+    """Of a surface, given its means over GENTLE_M."""
+    ring = np.ones((3, 3), np.uint8)
     known = cv2.erode(smooth.known.astype(np.float32), ring, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     east, north = central_slopes(smooth)
     weight = known / np.square(1 + (np.square(east) + np.square(north)) / np.float32(GENTLE**2))
-    blurred = [_blur(np.asarray(a, np.float32), SPREAD_M / heights.cell_m) for a in (weight * east, weight * north, weight)]
+    blurred = [_blur(np.asarray(a, np.float32), SPREAD_M / smooth.cell_m) for a in (weight * east, weight * north, weight)]
     enough = blurred[2] > LEAST_KNOWN
     slope = (blurred[0] + 1j * blurred[1]) / np.maximum(blurred[2], np.float32(LEAST_KNOWN)) * enough
-    at, corner_m, cell_m = thinned(heights, CELL_M)
+    at, corner_m, cell_m = thinned(smooth, CELL_M)
     return Slopes(slope[at].astype(np.complex64), enough[at], corner_m, cell_m)
 
 
@@ -72,20 +72,28 @@ def thinned(heights: HeightMap, cell_m: float) -> tuple[tuple[slice, slice], Flo
     return (every, every), heights.corner_m + heights.cell_m * (first + 0.5 - 0.5 * step), step * heights.cell_m
 
 
+def by_chance(area_m2: float, pairs: int) -> float:
+    """Logarithm of the number of places in a region, times `pairs` of heading and scale: chance has so many nats in one of as
+    many."""
+    return math.log(max(area_m2 / (math.pi * APART_M**2), 1.0) * pairs)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """`nats.score` (rows, cols): log-likelihood of the slopes at each place of the prior's region, at the best of the `pairs` of
-    heading and scale, above that of level ground; 0 where it is less, or too little is known."""
+    """`nats` (rows, cols): log-likelihood of the slopes at each place of the prior's region, at the best of the `pairs` of
+    heading and scale, above that of level ground; 0 where it is less, or too little is known. `origin` (column, row) of the first
+    of these among the reference's cells."""
 
     pair: Pair
     reference: Slopes
     pairs: list[tuple[float, float]]
-    nats: Scores
+    nats: Float32Array
+    origin: tuple[int, int]
 
     def at(self, T: FloatArray) -> float:
         """Of the place to which T (4, 4) takes the source."""
         u, v = (int(k) for k in np.rint(self._cells(moved(T, self.pair.centre_m)[:2])))
-        near = self.nats.score[max(v - 1, 0) : max(v + 2, 0), max(u - 1, 0) : max(u + 2, 0)]
+        near = self.nats[max(v - 1, 0) : max(v + 2, 0), max(u - 1, 0) : max(u + 2, 0)]
         return float(near.max()) if near.size else 0.0
 
     def lead(self, T: FloatArray) -> float:
@@ -94,46 +102,40 @@ class Ground:
         u, v = self._cells(moved(T, self.pair.centre_m)[:2])
         rows, cols = np.nonzero(summits(self.nats))
         away = np.square(rows - v) + np.square(cols - u) >= (APART_M / self.reference.cell_m) ** 2
-        return self.at(T) - float(np.max(self.nats.score[rows, cols], where=away, initial=self._by_chance))
+        return self.at(T) - float(np.max(self.nats[rows, cols], where=away, initial=self._by_chance))
 
     @property
     def _by_chance(self) -> float:
-        """Logarithm of the number of places, headings and scales: chance has so many nats in one of as many."""
-        places = self.nats.score.size * self.reference.cell_m**2 / (math.pi * APART_M**2)
-        return math.log(max(places, 1.0) * len(self.pairs))
+        return by_chance(self.nats.size * self.reference.cell_m**2, len(self.pairs))
 
     def _cells(self, xy_m: FloatArray) -> FloatArray:
         cells = (xy_m - self.reference.corner_m) / self.reference.cell_m - 0.5
-        return np.asarray(cells - np.array(self.nats.origin), dtype=np.float64)
+        return np.asarray(cells - np.array(self.origin), dtype=np.float64)
 
 
 def ground_of(pair: Pair, prior: RegistrationPrior) -> Ground:
     """Of all places and headings of the prior's."""
-    source, reference = slopes_of(pair.source), slopes_of(pair.reference)
+    source, reference = (slopes_of(heights) for heights in pair.gentle)
     cell = reference.cell_m
     pairs = hypotheses(pair.half_m, cell, prior)
     ratio, (low, high) = cell / pair.reference.cell_m, region(pair, prior)
     first, last = (np.rint((k - (ratio - 1) / 2) / ratio).astype(int) for k in (low, high))
     if (last < first).any():
-        return Ground(pair, reference, pairs, Scores(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.int32), (0, 0)))
+        return Ground(pair, reference, pairs, np.zeros((0, 0), np.float32), (0, 0))
     box, reach = (int(first[0]), int(first[1]), int(last[0]), int(last[1])), math.ceil(reach_of(pair, pairs) / ratio)
     extent = (-reach, -reach, reach, reach)
     size = block_size(box, extent, 3, len(pairs))
     fields = reference.known + 1j * np.square(np.abs(reference.slope)), reference.slope
     known, slope = (BlockCorrelator(f.astype(np.complex64)[None], box, extent, size) for f in fields)
     best = np.zeros((box[3] - box[1] + 1, box[2] - box[0] + 1), np.float32)
-    which = np.zeros(best.shape, np.int32)
-    for k, at in enumerate(pairs):
+    for at in pairs:
         of = _turned(source, pair, at, cell, reach)
         terms = (of.known, np.square(np.abs(of.slope)), of.slope, of.bowl)
         spectra = [known.spectrum(t.astype(np.complex64)[None], (-reach, -reach)) for t in terms]
         for block, where in enumerate(known.blocks):
             sums = [by.summed(block, spectra[j]) for by, j in ((known, 0), (known, 1), (slope, 0), (slope, 2), (slope, 3))]
-            nats = _nats(of, sums, cell, prior)
-            better = nats > best[where]
-            np.copyto(best[where], nats, where=better)
-            np.copyto(which[where], np.int32(k), where=better)
-    return Ground(pair, reference, pairs, Scores(best, which, box[:2]))
+            np.maximum(best[where], _nats(of, sums, cell, prior), out=best[where])
+    return Ground(pair, reference, pairs, best, box[:2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,7 +182,7 @@ def _nats(of: _Turned, sums: list[Complex64Array], cell_m: float, prior: Registr
     mean, bent = of_g / n, of_bg.real / np.float32(of_bb)
     rest = overlap.imag - n * np.square(np.abs(mean)) - of_bb * np.square(bent) + of_tt.real - 2 * of_tg.real
     variance, level = np.maximum(rest, 0) / (2 * n) + NOISE**2, own / max(2 * float(of.known.sum()), 1.0) + NOISE**2
-    nats = n * (cell_m**2 / (4 * math.pi * (FINE_M**2 + SPREAD_M**2))) * np.log(level / variance)
+    nats = n * (cell_m**2 / (4 * math.pi * (GENTLE_M**2 + SPREAD_M**2))) * np.log(level / variance)
     nats -= np.square(np.abs(mean - of.mean)) / (2 * max(prior.sigma_tilt_rad, NOISE) ** 2)
     nats -= np.square(bent - of.bent) / (2 * (BOWL_SLOPE * SIGMA_BOWL_M / of.half_m) ** 2)
     nats[overlap.real < LEAST_OVERLAP * of.known.sum()] = 0

@@ -50,7 +50,7 @@ def test_elsewhere_has_no_right_place_and_lies_at_its_own_height(world):
 
 def test_training_takes_every_place_once_and_the_world_before_for_other_ground(world, monkeypatch):
     monkeypatch.setattr(LandscapeWorld, "built", lambda seed: LandscapeWorld(seed, world.surface, world.reference_m))
-    cases = list(cloud_landscape.training_cases([7, 8]))
+    cases = [c for before, seed in ((None, 7), (7, 8)) for c in cloud_landscape.training_cases(seed, before)]
     each = sum(n for _, n in TRAINING)
     assert len({c.name.split("_on_")[0] for c in cases}) == len(cases) == 2 * each + TRAINING_ELSEWHERE
     assert sum(c.T_true is None for c in cases) == TRAINING_ELSEWHERE

@@ -185,6 +185,27 @@ def test_ground_that_lies_so_nowhere_else_is_believed_though_nothing_stands_on_i
         assert probability_wrong(replace(beside, ground_lead=16.0)) >= 0.5
 
 
+def test_ground_that_has_not_changed_is_believed_the_more_it_leads_and_not_where_the_looks_lead_nowhere():
+    """Fields and a wood five years later, 0.2 and 0.3 m off: little leads by the looks, and the unchanged ground does."""
+    fields = replace(GOOD, correlation=0.6, rival=0.48, refined_rival=0.47, blocks=0.6, prior_chi2=10.2, parts_lead=0.02)
+    fields = replace(fields, joint_lead=0.32)
+    wood = replace(GOOD, correlation=0.35, rival=0.3, refined_rival=0.22, bowl_m=-0.85, parts_lead=0.07, joint_lead=0.38)
+    for seen in (fields, wood):
+        claims = [probability_wrong(replace(seen, lasting_lead=nats)) for nats in (0.0, 5.0, 12.0, 30.0, 90.0)]
+        assert claims == sorted(claims, reverse=True)
+        assert claims[0] > 0.05 > claims[2] > claims[3] == claims[4]
+        for beside in (replace(seen, prior_chi2=MOST_CHI2 + 1), replace(seen, parts_lead=LEAST_PARTS_LEAD - 0.01)):
+            assert probability_wrong(replace(beside, lasting_lead=30.0)) >= 0.5
+
+
+def test_a_wrong_place_is_not_believed_for_the_lead_of_its_ground():
+    """Another world's ground, with a lead of 13 nats, of the wrong ones that were seen the most."""
+    seen = replace(GOOD, correlation=0.337, overlap=0.855, rival=0.535, refined_rival=0.445, blocks=0.332, formal_sigma_m=5.429)
+    seen = replace(seen, relief_m=0.088, source_relief_m=0.131, prior_chi2=24.345, parts_lead=-0.069, joint_lead=-0.253)
+    assert probability_wrong(replace(seen, lasting_lead=13.3)) > 0.99
+    assert probability_wrong(replace(seen, lasting_lead=90.0)) > 0.5
+
+
 def test_what_could_not_be_compared_is_doubt_by_bayes_rule():
     claims = [probability_wrong(replace(GOOD, unseen=share)) for share in (0.0, 0.2, 0.9, 1.0)]
     assert claims == sorted(claims)

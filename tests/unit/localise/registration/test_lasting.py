@@ -10,12 +10,14 @@ import pytest
 from tests.unit.localise.registration.conftest import PRIOR, SIDE_M, TRUE_M, before_and_now, off_m, pair_of
 from visloc_companion.localise.registration.base import Registered
 from visloc_companion.localise.registration.choice import Choice
-from visloc_companion.localise.registration.height_map import HeightMap
+from visloc_companion.localise.registration.height_map import HeightMap, smoothed
 from visloc_companion.localise.registration.height_search import HeightSearchRegistration
 from visloc_companion.localise.registration.lasting import Lasting, lie_of
-from visloc_companion.localise.registration.pair import Pair
+from visloc_companion.localise.registration.pair import GENTLE_M, Pair
+from visloc_companion.localise.registration.search import hypotheses
 from visloc_companion.localise.registration.settle import HELD_M, Settler
 from visloc_companion.localise.registration.similarity import about, moved, turned, with_linear
+from visloc_companion.localise.registration.slopes import ground_of
 
 
 def crowns(seed: int, share: float) -> np.ndarray:
@@ -27,6 +29,10 @@ def crowns(seed: int, share: float) -> np.ndarray:
                 v, u = row + rng.integers(0, 6), col + rng.integers(0, 6)
                 grown[v : v + 5, u : u + 5] = rng.uniform(4, 12)
     return grown
+
+
+def gentle(*of) -> HeightMap:
+    return smoothed(HeightMap(*of), GENTLE_M)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +48,7 @@ def there(pair: Pair, off: tuple[float, float] = (0.0, 0.0), up_m: float = 0.0) 
 def test_a_lie_has_slopes_and_heights_on_cells_of_two_metres():
     east, north = np.meshgrid(np.arange(60) * 0.5, np.arange(50) * 0.5)
     plane = (0.04 * east - 0.02 * north).astype(np.float32)
-    lie = lie_of(HeightMap(plane, np.ones(plane.shape, np.bool_), np.array([100.0, 200.0]), 0.5))
+    lie = lie_of(gentle(plane, np.ones(plane.shape, np.bool_), np.array([100.0, 200.0]), 0.5))
     assert lie.cell_m == 2.0
     slope, height, known = lie.at(np.array([[115.0, 212.0], [0.0, 0.0]]))
     np.testing.assert_allclose(slope[0], 0.04 - 0.02j, atol=1e-4)
@@ -130,3 +136,36 @@ def test_last_steps_that_lose_the_ground_have_strayed_and_without_a_doubt_none_h
     assert choice.strayed(beside, here)
     assert not choice.strayed(here, beside)
     assert off_m(pair, choice.by_ground()[0]) < 2
+
+
+def test_a_place_leads_the_likeliest_other_one_or_chance(overgrown):
+    pair = pair_of(overgrown)
+    lasting = Lasting(pair, PRIOR)
+    best, second = lasting.starts(2)
+    assert lasting.lead(best) > 0 > lasting.lead(second)
+    assert lasting.lead(there(pair), [there(pair, (0.5, 0.0))]) == pytest.approx(lasting.lead(there(pair)), abs=2)
+    far = [T for T in lasting.starts(24) if off_m(pair, T) > 20][-1]
+    assert lasting.lead(far, [there(pair)]) <= lasting.at(lasting.placed(far)) - lasting.at(there(pair)) + 1
+    nowhere = pair_of((overgrown[0], overgrown[1] + np.array([290.0, 0.0, 0.0])))
+    pairs = hypotheses(nowhere.half_m, lie_of(nowhere.gentle[1]).cell_m, PRIOR)
+    assert Lasting(nowhere, PRIOR).lead(there(nowhere)) == pytest.approx(-np.log(len(pairs)))
+
+
+def test_the_evidence_names_the_lead_of_the_unchanged_ground_where_a_place_is_doubtful(overgrown, scene):
+    doubtful = HeightSearchRegistration(1.0)(*overgrown, PRIOR)
+    clear = HeightSearchRegistration(1.0)(scene.source_m, scene.reference_m, scene.prior)
+    assert dict(doubtful.evidence)["lasting_lead"] > 2
+    assert dict(clear.evidence)["lasting_lead"] == 0
+
+
+def test_surfaces_are_evened_out_once_for_both_looks_at_the_ground(overgrown, monkeypatch):
+    evened = []
+    monkeypatch.setattr(
+        "visloc_companion.localise.registration.pair.smoothed",
+        lambda heights, sigma_m: evened.append(sigma_m) or smoothed(heights, sigma_m),
+    )
+    pair = pair_of(overgrown)
+    evened.clear()
+    assert ground_of(pair, PRIOR).nats.size
+    assert Lasting(pair, PRIOR).most > 0
+    assert evened == [GENTLE_M, GENTLE_M]

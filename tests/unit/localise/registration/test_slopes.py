@@ -8,10 +8,10 @@ import pytest
 from tests.unit.localise.registration.conftest import PRIOR, SIDE_M, TRUE_M, before_and_now, off_m, pair_of
 from visloc_companion.localise.registration.base import Registered, RegistrationPrior
 from visloc_companion.localise.registration.choice import Choice
-from visloc_companion.localise.registration.correlation import peaks
-from visloc_companion.localise.registration.height_map import HeightMap
+from visloc_companion.localise.registration.correlation import Scores, peaks
+from visloc_companion.localise.registration.height_map import HeightMap, smoothed
 from visloc_companion.localise.registration.height_search import HeightSearchRegistration
-from visloc_companion.localise.registration.pair import Pair, make_pair
+from visloc_companion.localise.registration.pair import GENTLE_M, Pair, make_pair
 from visloc_companion.localise.registration.search import APART_M
 from visloc_companion.localise.registration.similarity import about, moved, turned, with_linear
 from visloc_companion.localise.registration.slopes import Ground, ground_of, slopes_of
@@ -27,6 +27,10 @@ def fields(seed: int) -> np.ndarray:
     return crops
 
 
+def gentle(*of) -> HeightMap:
+    return smoothed(HeightMap(*of), GENTLE_M)
+
+
 @pytest.fixture(scope="module")
 def farmland() -> tuple[np.ndarray, np.ndarray]:
     """Source and reference of gentle ground with other parcels than before; the source lies TRUE_M from where it belongs."""
@@ -36,19 +40,20 @@ def farmland() -> tuple[np.ndarray, np.ndarray]:
 def likeliest(pair: Pair, ground: Ground, most: int) -> list[np.ndarray]:
     """(4, 4) The likeliest places."""
     found, of = [], ground.reference
-    for u, v, k, _ in peaks(ground.nats, APART_M / of.cell_m, most):
+    scores = Scores(ground.nats, np.zeros(ground.nats.shape, np.int32), ground.origin)
+    for u, v, _, _ in peaks(scores, APART_M / of.cell_m, most):
         to = of.corner_m + of.cell_m * (np.array([u, v]) + 0.5)
-        found.append(about(pair.centre_m, *ground.pairs[k], np.append(to - pair.centre_m[:2], 0.0)))
+        found.append(about(pair.centre_m, 0.0, 1.0, np.append(to - pair.centre_m[:2], 0.0)))
     return found
 
 
 def test_slopes_are_rise_over_run_to_the_east_and_north():
     east, north = np.meshgrid(np.arange(60) * 1.5, np.arange(50) * 1.5)
     plane = (0.04 * east - 0.02 * north).astype(np.float32)
-    found = slopes_of(HeightMap(plane, np.ones(plane.shape, np.bool_), np.array([100.0, 200.0]), 1.5))
+    found = slopes_of(gentle(plane, np.ones(plane.shape, np.bool_), np.array([100.0, 200.0]), 1.5))
     assert found.cell_m == 1.5
     np.testing.assert_allclose(found.slope[15:-15, 15:-15], 0.04 - 0.02j, atol=1e-4)
-    coarse = slopes_of(HeightMap(plane, np.ones(plane.shape, np.bool_), np.array([100.0, 200.0]), 0.5))
+    coarse = slopes_of(gentle(plane, np.ones(plane.shape, np.bool_), np.array([100.0, 200.0]), 0.5))
     assert coarse.cell_m == 2.0
     np.testing.assert_allclose(coarse.corner_m + coarse.cell_m / 2, np.array([100.0, 200.0]) + 2.5 * 0.5)
 
@@ -56,7 +61,7 @@ def test_slopes_are_rise_over_run_to_the_east_and_north():
 def test_what_stands_and_ends_hardly_counts_beside_the_ground():
     plane = (0.03 * np.arange(80) * np.ones((80, 1))).astype(np.float32)
     plane[38:43, 38:43] += 5.0
-    found = slopes_of(HeightMap(plane, np.ones(plane.shape, np.bool_), np.zeros(2), 1.0))
+    found = slopes_of(gentle(plane, np.ones(plane.shape, np.bool_), np.zeros(2), 1.0))
     assert np.abs(found.slope[19, 19:21] - 0.03).max() < 0.01
 
 
@@ -65,17 +70,17 @@ def test_ground_on_which_only_crops_stand_is_found_by_its_slopes(farmland):
     ground = ground_of(pair, PRIOR)
     assert off_m(pair, likeliest(pair, ground, 1)[0]) < 4
     away = [T for T in likeliest(pair, ground, 4) if off_m(pair, T) > 10]
-    assert ground.at(likeliest(pair, ground, 1)[0]) == pytest.approx(ground.nats.score.max())
-    assert ground.nats.score.max() - max(ground.at(T) for T in away) > 5
+    assert ground.at(likeliest(pair, ground, 1)[0]) == pytest.approx(ground.nats.max())
+    assert ground.nats.max() - max(ground.at(T) for T in away) > 5
 
 
 def test_ground_leads_where_it_lies_so_and_at_no_other_place(farmland):
     pair = pair_of(farmland)
     ground = ground_of(pair, PRIOR)
     best, second = likeliest(pair, ground, 2)
-    by_chance = np.log(ground.nats.score.size * 4 / (36 * np.pi) * len(ground.pairs))
+    by_chance = np.log(ground.nats.size * 4 / (36 * np.pi) * len(ground.pairs))
     assert ground.at(second) < by_chance
-    assert ground.lead(best) == pytest.approx(ground.nats.score.max() - by_chance)
+    assert ground.lead(best) == pytest.approx(ground.nats.max() - by_chance)
     assert ground.lead(best) > 5 > -5 > ground.lead(second)
 
 
@@ -121,7 +126,7 @@ def test_where_the_prior_reaches_no_place_on_the_reference_there_is_none(farmlan
     source, reference = farmland
     pair = pair_of((source, reference + np.array([290.0, 0.0, 0.0])))
     ground = ground_of(pair, PRIOR)
-    assert ground.nats.score.shape == (0, 0)
+    assert ground.nats.shape == (0, 0)
     assert (likeliest(pair, ground, 4), ground.at(np.eye(4))) == ([], 0.0)
 
 
