@@ -17,10 +17,11 @@ frames whose baseline is hardly known, would have it search for minutes, and who
 
 
 def flight_registration() -> RegistrationMethod:
-    """What places the structure vote's cloud; it judges the answers itself, by the lead of their scores."""
+    """What places the structure vote's cloud; it judges the answers itself, by the lead of their scores or of what has not
+    changed."""
     from visloc_companion.localise.registration.height_search import HeightSearchRegistration
 
-    return HeightSearchRegistration(1.0, MOST_WORK, by_score=True)
+    return HeightSearchRegistration(1.0, MOST_WORK, by_score=True, by_unchanged=True)
 
 
 def flight_localiser(

@@ -52,9 +52,9 @@ class Beside:
     at_m: FloatArray
 
 
-def consensus(source: SourceCells, relief: Surface, T: FloatArray) -> Consensus:
-    """What the source's blocks say of the reference's relief about where T (4, 4) puts them."""
-    laid = _laid(source, relief, T)
+def consensus(source: SourceCells, relief: Surface, T: FloatArray, reach_m: float = APART_M) -> Consensus:
+    """What the source's blocks say of the reference's relief up to `reach_m` about where T (4, 4) puts them."""
+    laid = _laid(source, relief, T, math.ceil(reach_m / relief.heights.cell_m))
     score = laid.nats()
     if score.max() <= 0:  # nothing resembles anything, as on a level
         score[laid.margin, laid.margin] = 1
@@ -67,11 +67,14 @@ def consensus(source: SourceCells, relief: Surface, T: FloatArray) -> Consensus:
     return Consensus(shift_m, np.maximum(trust / max(float(trust.max()), 1e-12), LEAST_TRUST))
 
 
-def beside(source: SourceCells, relief: Surface, T: FloatArray) -> Beside:
-    """How likely the source's blocks make where T (4, 4) puts them, and what is up to APART_M beside on either axis."""
-    laid = _laid(source, relief, T)
-    u, v = np.meshgrid(*[np.arange(-laid.margin, laid.margin + 1) * relief.heights.cell_m] * 2)
-    return Beside(laid.nats(), np.asarray(np.stack([u, v], -1) @ T[:2, :2].T, dtype=np.float64))
+def beside(source: SourceCells, relief: Surface, T: FloatArray, reach_m: float = APART_M, step: int = 1) -> Beside:
+    """How likely the source's blocks make where T (4, 4) puts them, and what is up to `reach_m` beside on either axis, every so
+    many cells."""
+    laid = _laid(source, relief, T, math.ceil(reach_m / (step * relief.heights.cell_m)) * step)
+    along = range(0, laid.wide, step)
+    nats = np.array([[laid.shifted(v, u).nats() for u in along] for v in along])
+    u, v = np.meshgrid(*[(np.array(along) - laid.margin) * relief.heights.cell_m] * 2)
+    return Beside(nats, np.asarray(np.stack([u, v], -1) @ T[:2, :2].T, dtype=np.float64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,9 +106,9 @@ class _Laid:
         return np.array([[self.shifted(v, u).nats() for u in range(self.wide)] for v in range(self.wide)])
 
 
-def _laid(source: SourceCells, relief: Surface, T: FloatArray) -> _Laid:
+def _laid(source: SourceCells, relief: Surface, T: FloatArray, margin: int) -> _Laid:
     cell = relief.heights.cell_m
-    side, margin = max(4, round(BLOCK_M / cell)), math.ceil(APART_M / cell)  # what is farther is another place
+    side = max(4, round(BLOCK_M / cell))
     rows, cols = (-(-n // side) * side for n in source.shape)
     known, own = np.zeros((2, rows, cols), np.float32)
     known[source.rows, source.cols], own[source.rows, source.cols] = 1, source.relief_m

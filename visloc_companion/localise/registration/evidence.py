@@ -46,7 +46,8 @@ class Evidence:
     in steps are off by, in the cloud that has the larger ones; `ground_lead`: nats by which the slopes of the ground make the
     place likelier than any other, 0 where they were not asked (choice.Choice); `blocks_lead`: nats by which the blocks that have
     not changed make it likelier than what lies 2.5 to 6 m beside (nearby.of_blocks), 0 where they were not asked; `lasting_lead`:
-    as `ground_lead`, by the ground that has not changed, cell by cell (lasting.Lasting)."""
+    as `ground_lead`, by the ground that has not changed, cell by cell (lasting.Lasting); `unchanged_lead`: nats by which all that
+    has not changed makes it likelier than any other place (unchanged.Unchanged), 0 where there was no doubt."""
 
     correlation: float
     overlap: float
@@ -70,6 +71,7 @@ class Evidence:
     ground_lead: float = 0.0
     blocks_lead: float = 0.0
     lasting_lead: float = 0.0
+    unchanged_lead: float = 0.0
 
     @property
     def terraced(self) -> bool:

@@ -14,6 +14,7 @@ from visloc_companion.localise.registration.headings import Headings
 from visloc_companion.localise.registration.pair import make_pair
 from visloc_companion.localise.registration.search import find_places, work
 from visloc_companion.localise.registration.settle import Settled, Settler, has_slid, too_little_overlap
+from visloc_companion.localise.registration.unchanged import is_clear, placed_by_unchanged
 from visloc_companion.localise.registration.upright import polished
 from visloc_companion.types import FloatArray
 
@@ -26,10 +27,14 @@ class HeightSearchRegistration:
 
     `by_score`: the candidate of the highest score is taken, and nothing is searched twice; what is alike beside it is told by
     the blocks that have not changed. The claims of stereo clouds rest on that (structure/claims.py).
+    `by_unchanged`: with it, where that leaves a doubt, all that has not changed takes the place and tells it (unchanged.py).
     """
 
-    def __init__(self, max_probability_wrong: float, most_work: float = MOST_WORK, *, by_score: bool = False) -> None:
+    def __init__(
+        self, max_probability_wrong: float, most_work: float = MOST_WORK, *, by_score: bool = False, by_unchanged: bool = False
+    ) -> None:
         self.max_probability_wrong, self.most_work, self.by_score = max_probability_wrong, most_work, by_score
+        self.by_unchanged = by_unchanged
 
     def __call__(self, source_m: FloatArray, reference_m: FloatArray, prior: RegistrationPrior) -> Registered | NotRegistered:
         """Search, refine, judge."""
@@ -56,12 +61,15 @@ class HeightSearchRegistration:
             best, besides = polished(settler, found, prior)
         if choice is not None and (has_slid(best, pair) or choice.strayed(best, found)):
             best, besides = found, []
+        unchanged = None
+        if self.by_unchanged and not is_clear(best, settled, settler):
+            best, unchanged = placed_by_unchanged(best, [place.T for place in places], settler)
         if has_slid(best, pair):
             what = f"the refinement slid {best.slid_m:.1f} m from where the search had found it"
             return NotRegistered(Reason.REFINEMENT_DIVERGED, what)
-        rest = [s for s in settled if s is not found] + besides
+        rest = [s for s in settled if s is not found or unchanged is not None] + besides  # else it may be another place
         ground_leads = (0.0, 0.0) if choice is None else choice.ground_leads(best, rest)
-        return settler.answer(best, rest, scores, headings, self.max_probability_wrong, ground_leads, self.by_score)
+        return settler.answer(best, rest, scores, headings, self.max_probability_wrong, ground_leads, self.by_score, unchanged)
 
 
 def _elsewhere(choice: Choice, settler: Settler, best: Settled) -> list[Settled]:

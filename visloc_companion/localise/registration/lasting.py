@@ -113,7 +113,7 @@ class Lasting:
         low, high = region(pair, prior)
         self._by_chance = by_chance(float(np.prod(np.maximum(high - low + 1, 0))) * pair.reference.cell_m**2, len(pairs))
         looked_at = self._first_look(pairs, low, high)
-        nats = self._nats(looked_at)
+        nats = self.nats(looked_at)
         order = np.argsort(-nats, kind="stable")
         self._places, self._found = looked_at.some(order), nats[order]
 
@@ -124,7 +124,7 @@ class Lasting:
 
     def at(self, T: FloatArray) -> float:
         """Of the place to which T (4, 4) takes the source, or the likeliest so near; 0 where too little is known."""
-        return max(float(self._nats(self._about(T, (0.0,))).max()), 0.0)
+        return max(float(self.nats(self._about(T, (0.0,))).max()), 0.0)
 
     def lead(self, T: FloatArray, others: Iterable[FloatArray] = ()) -> float:
         """Of the place to which T (4, 4) takes the source, above the likeliest that is another place, or above what the likeliest
@@ -134,8 +134,8 @@ class Lasting:
             near = self._near(other)
             away = np.hypot(*(near.xy_m - here).T) >= APART_M
             if away.any():
-                rival = max(rival, float(self._nats(near.some(np.nonzero(away)[0])).max()))
-        return float(self._nats(self._near(T)).max()) - rival
+                rival = max(rival, float(self.nats(near.some(np.nonzero(away)[0])).max()))
+        return float(self.nats(self._near(T)).max()) - rival
 
     def starts(self, most: int) -> list[FloatArray]:
         """(4, 4) The likeliest places."""
@@ -150,7 +150,7 @@ class Lasting:
     def placed(self, T: FloatArray) -> FloatArray:
         """(4, 4) The likeliest similarity near T, which lies within a step of it in place and heading."""
         near = self._near(T)
-        return self._similarity(near, int(np.argmax(self._nats(near))))
+        return self._similarity(near, int(np.argmax(self.nats(near))))
 
     def _near(self, T: FloatArray) -> Places:
         """Places within half a step of that of T (4, 4), and headings."""
@@ -196,7 +196,7 @@ class Lasting:
         turns = np.array(pairs)[which.ravel()[some]]
         return Places(of.corner_m + of.cell_m * (cells + 0.5), turns[:, 0], turns[:, 1])
 
-    def _nats(self, of: Places) -> FloatArray:
+    def nats(self, of: Places) -> FloatArray:
         """(N,) of places; 0 where too little is known."""
         if not len(of.xy_m) or not len(self._off):
             return np.zeros(len(of.xy_m))

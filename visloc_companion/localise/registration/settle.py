@@ -95,16 +95,27 @@ class Settler:
         polished = self._with_agreement(refined, relief, settled.start_m, settled.start_yaw_rad)
         return settled if polished.found.score < settled.found.score - ASTRAY else polished
 
+    def sharpened(self, settled: Settled) -> Settled | None:
+        """After the last steps from where it is, by the blocks' trust there; None where too little lies on the reference."""
+        surface, relief = self._near(settled.refined.T)
+        trust = consensus(self.cells, relief, settled.refined.T, 0.0).trust
+        refined = polish(self.cells, surface, settled.refined, self.prior, trust)
+        return None if refined is None else self._with_agreement(refined, relief, settled.start_m, settled.start_yaw_rad)
+
     def looked_at(self, T: FloatArray) -> Settled | None:
         """T as it is; None where hardly anything of the source lies on the reference."""
         return self._settled(T, *self._near(T), 0)
 
-    def held(self, starts: Iterable[FloatArray]) -> list[Settled]:
-        """Those of the starts of which enough lies on the reference, lifted and otherwise as they are: known to HELD_M."""
+    def blocks_lead(self, settled: Settled) -> float:
+        """As Evidence."""
+        return of_blocks(self.cells, self._near(settled.refined.T)[1], settled.refined.T)[0]
+
+    def held(self, starts: Iterable[FloatArray], sigma_m: float = HELD_M) -> list[Settled]:
+        """Those of the starts of which enough lies on the reference, lifted and otherwise as they are: known to `sigma_m`."""
         found = []
         for start in starts:
             if (settled := self.settle(start, 0)) is not None:
-                placed = settled.refined.placed + np.diag([HELD_M**2, HELD_M**2, 0.0, 0.0])
+                placed = settled.refined.placed + np.diag([sigma_m**2, sigma_m**2, 0.0, 0.0])
                 found.append(replace(settled, refined=replace(settled.refined, placed=placed)))
         return found
 
@@ -125,10 +136,12 @@ class Settler:
         max_probability_wrong: float,
         ground_leads: tuple[float, float] = (0.0, 0.0),
         by_blocks: bool = False,
+        unchanged: tuple[float, FloatArray] | None = None,
     ) -> Registered | NotRegistered:
         """The claim for the best of the candidates, against what else scores well, also turned, and the rest of them, which are
         refined too; `ground_leads` as Evidence's `ground_lead` and `lasting_lead`. `by_blocks`: those that have not changed say
-        what is alike beside it, not all."""
+        what is alike beside it, not all; `unchanged` where all that has not changed was asked: Evidence's `unchanged_lead` and
+        (2, 2) what is alike by that."""
         T, apart = best.refined.T, apart_rad(self.pair)
         here = moved(T, self.pair.centre_m)[:2]
         others = [s for s in rest if are_two(self.pair, s.refined.T, T)]
@@ -143,6 +156,7 @@ class Settler:
         blocks_lead, alike_m2 = (
             of_blocks(self.cells, self._near(T)[1], T) if by_blocks else (0.0, spread_m2(self.pair, scores, here, self.prior))
         )
+        unchanged_lead, alike_m2 = unchanged or (0.0, alike_m2)
         placed = best.refined.placed.copy()
         placed[:2, :2] += alike_m2
         refined = replace(best.refined, placed=placed)
@@ -151,7 +165,9 @@ class Settler:
         evidence = evidence_of(self.pair, best.found, refined, rivals, turned, scores.unseen, self.prior)
         if turned:
             ground_leads = (0.0, 0.0)  # the best heading of a place is all that the ground was asked for
-        evidence = replace(evidence, ground_lead=ground_leads[0], lasting_lead=ground_leads[1], blocks_lead=blocks_lead)
+        ground_lead, lasting_lead = ground_leads
+        evidence = replace(evidence, ground_lead=ground_lead, lasting_lead=lasting_lead)
+        evidence = replace(evidence, blocks_lead=blocks_lead, unchanged_lead=unchanged_lead)
         return answer(self._with_rounding(refined), evidence, self.prior, max_probability_wrong)
 
     def _settled(self, start: FloatArray, surface: Surface, relief: Surface, steps: int) -> Settled | None:

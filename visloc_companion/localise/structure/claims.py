@@ -14,6 +14,7 @@ from visloc_companion.localise.registration.base import NotRegistered, Registere
 from visloc_companion.localise.registration.claims import in_view_of_unseen
 from visloc_companion.localise.registration.handicap import NATS
 from visloc_companion.localise.registration.refine import SIGMA_BOWL_M
+from visloc_companion.localise.registration.unchanged import WORTH
 
 WEIGHTS = (-2.5, NATS)
 """On 1 and the lead over the next place, each less its handicap: log-odds of being right (off by less than 5 m). The slope is the
@@ -36,24 +37,50 @@ over seeds 30 to 39 and 100 to 104 each had all of it there."""
 MOST_BOWL_M = 3 * SIGMA_BOWL_M
 """A cloud that would have to be bent by more lies over other ground. Of 93 right places over seeds 100 to 104 and 110 to 114 of
 benchmarks/structure_chain.py none is bent by more than 1.1 m."""
+UNCHANGED = (-7.2, WORTH)
+"""On 1 and the lead in nats of all that has not changed (registration/unchanged.py), where that was asked: log-odds. Half of
+changed land's wrong answers and clouds over other ground lead by less than 10 nats and all by less than 34; clouds mirrored over
+their own ground by 58 at most (benchmarks/changed_land.py, seeds 60 to 67, 150 to 159 and 161 to 166)."""
+MOST_HELD_M = 2.0
+"""A place that this tells is not believed where it is held more loosely: a dam does so to 2.5 m, an orchard to 3.5 m."""
 
 
 def judged(registered: Registered, max_probability_wrong: float) -> Registered | NotRegistered:
     """The registration with the probability of being wrong, or the refusal where that is too much."""
     evidence = dict(registered.evidence)
     lead = evidence["correlation"] * math.sqrt(evidence["overlap"]) - evidence["handicap"] - evidence["refined_rival"]
-    loose = NATS_PER_M * max(evidence["formal_sigma_m"] - HELD_M, 0.0)
-    odds = WEIGHTS[0] + WEIGHTS[1] * lead - loose - max(ENOUGH_NATS - evidence["blocks_lead"], 0.0)
+    refused, told = _refused(evidence), _by_unchanged(evidence)
+    odds = told if refused else max(_by_score(evidence, lead), told)
     wrong = in_view_of_unseen(1 / (1 + math.exp(min(max(odds, -50.0), 50.0))), evidence.get("unseen", 0.0))
     named = (*registered.evidence, ("probability_wrong", wrong))
     if evidence["overlap"] < LEAST_OVERLAP:
         return NotRegistered(Reason.OUTSIDE_MAP, f"the map knows the ground below {evidence['overlap']:.0%} of the cloud", named)
-    if evidence["formal_sigma_m"] > LOOSE_M:
-        what = f"the reliefs hold the place to {evidence['formal_sigma_m']:.1f} m only"
-        return NotRegistered(Reason.LOW_TEXTURE, what, named)
-    if abs(evidence["bowl_m"]) > MOST_BOWL_M:
-        what = f"the cloud fits where it is bent by {evidence['bowl_m']:.1f} m only"
-        return NotRegistered(Reason.INCONSISTENT_WITH_PRIOR, what, named)
+    if refused and (told == -math.inf or wrong > max_probability_wrong):
+        return NotRegistered(*refused, named)
     if wrong <= max_probability_wrong:
         return replace(registered, probability_wrong=wrong)
     return NotRegistered(Reason.AMBIGUOUS, f"wrong with a probability of {wrong:.3f}, {lead:.2f} before the next place", named)
+
+
+def _by_score(evidence: dict[str, float], lead: float) -> float:
+    """Log-odds of being right by the lead of the score and the blocks."""
+    loose = NATS_PER_M * max(evidence["formal_sigma_m"] - HELD_M, 0.0)
+    lacking = max(ENOUGH_NATS - evidence["blocks_lead"], 0.0)
+    return WEIGHTS[0] + WEIGHTS[1] * lead - loose - lacking
+
+
+def _by_unchanged(evidence: dict[str, float]) -> float:
+    """Log-odds of being right by the lead of all that has not changed; none where that was not asked, or holds it loosely."""
+    lead = evidence.get("unchanged_lead", 0.0)
+    if lead == 0.0 or evidence["formal_sigma_m"] > MOST_HELD_M:
+        return -math.inf
+    return UNCHANGED[0] + UNCHANGED[1] * lead
+
+
+def _refused(evidence: dict[str, float]) -> tuple[Reason, str] | None:
+    """Why the score is not believed, whatever it is."""
+    if evidence["formal_sigma_m"] > LOOSE_M:
+        return Reason.LOW_TEXTURE, f"the reliefs hold the place to {evidence['formal_sigma_m']:.1f} m only"
+    if abs(evidence["bowl_m"]) > MOST_BOWL_M:
+        return Reason.INCONSISTENT_WITH_PRIOR, f"the cloud fits where it is bent by {evidence['bowl_m']:.1f} m only"
+    return None

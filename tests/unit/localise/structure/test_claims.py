@@ -5,7 +5,15 @@ import pytest
 
 from visloc_companion.errors import Reason
 from visloc_companion.localise.registration.base import NotRegistered, Registered
-from visloc_companion.localise.structure.claims import ENOUGH_NATS, HELD_M, LEAST_OVERLAP, LOOSE_M, MOST_BOWL_M, judged
+from visloc_companion.localise.structure.claims import (
+    ENOUGH_NATS,
+    HELD_M,
+    LEAST_OVERLAP,
+    LOOSE_M,
+    MOST_BOWL_M,
+    MOST_HELD_M,
+    judged,
+)
 
 
 def registered(
@@ -16,6 +24,7 @@ def registered(
     formal_sigma_m: float = 0.3,
     bowl_m: float = 0.4,
     blocks_lead: float = ENOUGH_NATS,
+    unchanged_lead: float = 0.0,
 ) -> Registered:
     named = {
         "correlation": correlation,
@@ -25,6 +34,7 @@ def registered(
         "formal_sigma_m": formal_sigma_m,
         "bowl_m": bowl_m,
         "blocks_lead": blocks_lead,
+        "unchanged_lead": unchanged_lead,
     }
     return Registered(np.eye(4), np.eye(3), 0.01, 0.01, 0.5, tuple(named.items()))
 
@@ -101,3 +111,31 @@ def test_what_blocks_lack_counts_against_a_place_and_more_than_enough_counts_for
     wrong = [probability(0.45, 0.35, 0.0, 1.0, 0.3, 0.4, nats) for nats in (6.0, 10.0, ENOUGH_NATS, 10 * ENOUGH_NATS)]
     assert wrong[0] > wrong[1] > wrong[2] == wrong[3]
     assert wrong[2] < 0.05 < wrong[0]
+
+
+@pytest.mark.parametrize("lead", [20.0, 100.0])
+@pytest.mark.parametrize(
+    ("formal_sigma_m", "bowl_m", "reason"),
+    [
+        (0.3, 0.4, Reason.AMBIGUOUS),
+        (1.1 * LOOSE_M, 0.4, Reason.LOW_TEXTURE),
+        (0.3, 1.1 * MOST_BOWL_M, Reason.INCONSISTENT_WITH_PRIOR),
+    ],
+)
+def test_all_that_has_not_changed_is_believed_where_the_score_is_not(
+    lead: float, formal_sigma_m: float, bowl_m: float, reason: Reason
+) -> None:
+    found = judged(registered(0.1, 0.1, 0.0, 1.0, formal_sigma_m, bowl_m, 0.0, lead), 0.05)
+    assert isinstance(found, Registered) is (lead > 60)
+    if isinstance(found, NotRegistered):
+        assert found.reason is reason
+
+
+def test_a_place_that_hardly_anything_holds_is_refused_whatever_has_not_changed() -> None:
+    found = judged(registered(0.7, 0.3, formal_sigma_m=1.1 * MOST_HELD_M, unchanged_lead=500.0), 0.05)
+    assert isinstance(found, NotRegistered)
+    assert found.reason is Reason.LOW_TEXTURE
+
+
+def test_a_place_that_the_score_makes_sure_needs_no_lead_of_what_has_not_changed() -> None:
+    assert probability(0.7, 0.3, 0.0, 1.0, 0.3, 0.4, ENOUGH_NATS, 1.0) == probability(0.7, 0.3)
