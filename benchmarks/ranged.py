@@ -40,6 +40,7 @@ from visloc_companion.localise.around.map_shape import OverPlane
 from visloc_companion.localise.around.with_motion import WithMotion
 from visloc_companion.localise.around.with_turn import WithTurn
 from visloc_companion.localise.odometry.surface_window import SurfaceWindow
+from visloc_companion.localise.odometry.true_heading import TrueHeading
 from visloc_companion.maps.grid import Heights
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.world import procedural_world
@@ -172,8 +173,9 @@ def flown(
     )
     plane = Plane(world.scene, setup.area.home.h_amsl_m) if flight == "flat" else None
     knowing, window = Knowing(simulated_camera(setup, world.scene), seed, FROM_S, plane), SurfaceWindow()
-    model = knowing.model
-    localiser = OverPlane(WithTurn(WithMotion(knowing, model, window=window), model, window))
+    model, heading = knowing.model, TrueHeading()
+    moving = WithMotion(knowing, model, window=window, heading=heading)
+    localiser = OverPlane(WithTurn(moving, model, window, heading))
     eyes = Eyes(knowing, localiser, world.reference, rate_hz)  # type: ignore[arg-type]
     navigator = Navigator(core_settings(simulated_config(setup)))
     return ClosedLoopFlight(setup.autopilot(), navigator, MavlinkSession(SessionSettings()), eyes).run(FROM_S + seconds)

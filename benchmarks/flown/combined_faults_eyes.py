@@ -2,8 +2,8 @@
 
 As consistency_eyes.py, and: within `Spell`s there is no sight, no fix, or a fix that is wrong in one and the same way. A heading
 or height beyond REFUSED_SIGMA of the prior is refused (localise/verify.py). Odometry is turned by the autopilot's heading, set
-right by that of the last HEADINGS fixes and then sure to LEARNED_RAD (localise/around/with_motion.py), and stretched by its
-height.
+right by that of the last HEADINGS fixes and then sure to LEARNED_RAD (localise/odometry/true_heading.py; no turns are seen that
+would carry it on), and stretched by its height.
 """
 
 from __future__ import annotations

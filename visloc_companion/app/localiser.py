@@ -21,6 +21,7 @@ from visloc_companion.localise.flight import flight_localiser
 from visloc_companion.localise.mapped.map_light import MapLight
 from visloc_companion.localise.masked import behind_the_mask
 from visloc_companion.localise.odometry.surface_window import SurfaceWindow
+from visloc_companion.localise.odometry.true_heading import TrueHeading
 from visloc_companion.localise.registry import make_localiser, open_features_for
 from visloc_companion.localise.runtime import default_threads
 from visloc_companion.protocols import Localiser
@@ -58,10 +59,10 @@ def _of_ground(chosen: LocaliserConfig, model: CameraModel, features: NetworkFea
         structure=chosen.structure,
         light=light,
     )
-    window = SurfaceWindow()  # turn and motion are seen over the same ground
-    moving: Localiser = WithMotion(localiser, view, window=window) if chosen.odometry else localiser
+    window, heading = SurfaceWindow(), TrueHeading()  # turn and motion are seen over the same ground, under the same heading
+    moving: Localiser = WithMotion(localiser, view, window=window, heading=heading) if chosen.odometry else localiser
     checked = CheckedTwice(moving, _again(chosen, view), chosen.check_every) if chosen.check_every else moving
-    seen = Unrolled(behind_the_lens(OverPlane(WithTurn(checked, view, window)), model), model)
+    seen = Unrolled(behind_the_lens(OverPlane(WithTurn(checked, view, window, heading)), model), model)
     return MovingFramesOnly(seen, model)
 
 

@@ -1,4 +1,4 @@
-"""What a turn that pictures show makes of the tilt of attitudes that were reported for them."""
+"""What a turn that pictures show makes of the tilt and heading of attitudes that were reported for them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from visloc_companion.geo import se3
 from visloc_companion.geo.camera import FOCAL_SHARE
-from visloc_companion.types import FloatArray, Quat, Turn
+from visloc_companion.types import FloatArray, Quat, Turn, Vec2
 
 TURN_SHARE = 0.003
 """Turn and reported attitudes disagree by this share of the turn (1-sigma), beside what is wrong with the camera, ..."""
@@ -34,6 +34,12 @@ def tilt_gained(q_before: Quat, turn: Turn, q_now: Quat) -> tuple[FloatArray, Fl
     return gained, (R @ np.array(turn.cov_rad2) @ R.T)[:2, :2] + own * np.eye(2)
 
 
+def heading_gained(q_before: Quat, turn: Turn, q_now: Quat) -> float:
+    """The same of the rotation about the vertical (rad, clockwise) that sets the reported heading right."""
+    true_now = se3.quat_multiply(q_before, turn.q_from_to)
+    return float(_small(se3.quat_multiply(true_now, se3.quat_inverse(q_now)))[2])
+
+
 def by_camera(q_before: Quat, q_now: Quat) -> FloatArray:
     """(2, 2) what is wrong with the rotation gained about north (first row) and east: for each share by which the lens is longer
     than calibrated, which makes turns across the optical axis too large, and for each radian by which the camera is turned right
@@ -41,9 +47,20 @@ def by_camera(q_before: Quat, q_now: Quat) -> FloatArray:
 
     By the turn that was reported: what pictures see beyond it is small, and is what the attitude's error gained.
     """
+    return _by_camera(q_before, q_now)[:2]
+
+
+def heading_by_camera(q_before: Quat, q_now: Quat) -> Vec2:
+    """The same of the rotation about the vertical, rad: for each share of the lens, for each radian about the axis."""
+    by_lens, by_axis = _by_camera(q_before, q_now)[2].tolist()
+    return by_lens, by_axis
+
+
+def _by_camera(q_before: Quat, q_now: Quat) -> FloatArray:
+    """(3, 2) about north, east and down."""
     x, y, z = _small(se3.quat_multiply(se3.quat_inverse(q_before), q_now)).tolist()
     R_midway = se3.R_from_quat(se3.quat_multiply(q_before, se3.quat_from_vector((x / 2, y / 2, z / 2))))
-    return np.asarray((R_midway @ [[x, y], [y, -x], [0.0, 0.0]])[:2])
+    return np.asarray(R_midway @ [[x, y], [y, -x], [0.0, 0.0]])
 
 
 def composed(first: Turn, second: Turn) -> Turn:

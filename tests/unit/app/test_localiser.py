@@ -79,6 +79,13 @@ def test_the_second_computation_is_there_where_it_is_wished_for(every: int, kind
     assert localiser.method == "gradient"
 
 
+def test_turns_carry_on_the_heading_that_displacements_are_turned_by() -> None:
+    localiser, _ = configured_localiser(LocaliserConfig(method="gradient", check_every=0), MODEL)
+    turning = of_frames_set_right(localiser)
+    assert isinstance(turning._localiser, WithMotion)
+    assert turning._localiser._heading is turning._heading
+
+
 def test_the_second_computation_has_a_network_of_its_own(network: Path) -> None:
     localiser, features = configured_localiser(LocaliserConfig(model=str(network), threads=2), MODEL)
     again = of_frames_set_right(localiser)._localiser._second._features  # type: ignore[attr-defined]

@@ -6,9 +6,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from visloc_companion.geo import se3
-from visloc_companion.geo.tilt import TURN_SHARE, by_camera, composed, tilt_gained
+from visloc_companion.geo.tilt import TURN_SHARE, by_camera, composed, heading_by_camera, heading_gained, tilt_gained
 from visloc_companion.types import Quat, Turn
 
 SIGMA_RAD = math.radians(0.1)
@@ -32,6 +33,14 @@ def test_what_the_reported_attitude_gains_is_told_in_any_attitude() -> None:
     np.testing.assert_allclose(np.diag(cov), SIGMA_RAD**2 + (TURN_SHARE * angle) ** 2, rtol=1e-6)
 
 
+def test_what_the_reported_heading_gains_is_told_in_any_attitude() -> None:
+    def off(true: Quat, clockwise_rad: float) -> Quat:
+        return se3.quat_multiply(se3.quat_from_vector((0.0, 0.0, -clockwise_rad)), true)
+
+    before, after = se3.quat_from_euler(0.6, -0.4, 2.0), se3.quat_from_euler(0.5, -0.3, 2.3)
+    assert heading_gained(off(before, 0.05), turn_of(before, after), off(after, 0.02)) == pytest.approx(-0.03, abs=1e-5)
+
+
 def test_the_sign_of_a_quaternion_says_nothing() -> None:
     q = se3.quat_from_euler(0.0, 0.1, 1.0)
     w, x, y, z = reported(q, 0.01, 0.0)
@@ -50,6 +59,8 @@ def test_what_a_wrong_camera_adds_to_a_turn_is_told_in_any_attitude() -> None:
     seen = (longer[0] + yaw * longer[1], longer[1] - yaw * longer[0], 2 * half * z)  # in a camera turned by yaw to the right
     gained, _ = tilt_gained(before, replace(turn_of(before, after), q_from_to=se3.quat_from_vector(seen)), after)
     np.testing.assert_allclose(by_camera(before, after) @ (lens, yaw), gained, atol=0.06 * np.abs(gained).max())
+    by_heading = heading_gained(before, replace(turn_of(before, after), q_from_to=se3.quat_from_vector(seen)), after)
+    assert float(np.dot(heading_by_camera(before, after), (lens, yaw))) == pytest.approx(by_heading, abs=0.06 * abs(gained).max())
 
 
 def test_turns_that_follow_each_other_are_one() -> None:

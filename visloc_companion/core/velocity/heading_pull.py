@@ -1,9 +1,9 @@
 """What something other than the gyroscopes turns the autopilot's heading by: a compass beside iron or a power line, a reset.
 
 The heading of two attitudes differs by what the body's rates add up to and by what the autopilot corrected. What it corrected
-since the last fixes is how far its heading may be off by now beyond what is claimed of it: fixes bear out a heading, and what
-turns displacements and accelerations by it has nothing newer. A pull may as well have set an error right, so nothing is turned
-back; it is only known less well.
+since the last fixes is how far its heading may be off by now beyond what is claimed of it: fixes bear out a heading, and
+accelerations have nothing newer, nor have displacements where pictures show no turn. A pull may as well have set an error right,
+so nothing is turned back; it is only known less well.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MAX_GAP_NS = 150_000_000
 by 12 degrees in a minute (95 %), ten a second, of a copter, by 2.5."""
 STEEPEST_RAD = math.radians(75.0)
 FIXES = 5
-"""The worker turns displacements by the median heading of so many (localise/around/with_motion.py)."""
+"""The worker turns displacements by the median heading of so many (localise/odometry/true_heading.py)."""
 
 
 class HeadingPull:

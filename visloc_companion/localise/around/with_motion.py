@@ -1,15 +1,13 @@
 """A localiser whose answers also say how the camera moved since a frame before: odometry from the frames that it is asked about.
 
-The compass may be off by degrees for minutes, which turns every displacement alike. A fix says by how much: what recent fixes
-agree on turns the displacement back.
+The reported heading may be off by degrees, which turns every displacement alike. A fix says by how much: what recent fixes agree
+on, carried on by what pictures show of turns since (odometry/true_heading.py), turns the displacement back.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import replace
-from statistics import median
 
 import numpy as np
 
@@ -20,6 +18,7 @@ from visloc_companion.localise.flow import FrameToFrame
 from visloc_companion.localise.local_frame import LocalFrame, local_frame
 from visloc_companion.localise.odometry.base import FlowSettings, Sight, Step, Surface
 from visloc_companion.localise.odometry.surface_window import SurfaceWindow
+from visloc_companion.localise.odometry.true_heading import TrueHeading
 from visloc_companion.localise.pose import heading_from
 from visloc_companion.localise.ranged import fits, fits_height, is_plane
 from visloc_companion.protocols import Localiser, ReferenceMap
@@ -27,11 +26,7 @@ from visloc_companion.types import CameraModel, Fix, FloatArray, Image, Localise
 
 GROUND_SIGMA_M, GROUND_SLOPE = 5.0, 0.03
 """1-sigma of the ground's height where the map ends or has none: relief, and how it goes on from where it was known last."""
-HEADINGS = 5
-HEADING_AGE_NS = 60_000_000_000
 SURE = 0.01
-LEARNED_YAW_SIGMA_RAD = math.radians(1.0)
-"""1-sigma of the heading that recent fixes corrected."""
 
 
 class WithMotion(Asking):
@@ -43,19 +38,20 @@ class WithMotion(Asking):
         model: CameraModel,
         settings: FlowSettings | None = None,
         window: SurfaceWindow | None = None,
+        heading: TrueHeading | None = None,
     ) -> None:
         super().__init__(localiser)
         self._flow = FrameToFrame(model, settings)
         self._window = window or SurfaceWindow()
         self._ground: tuple[FloatArray, float] | None = None
-        self._headings: deque[tuple[int, float]] = deque(maxlen=HEADINGS)
+        self._heading = heading or TrueHeading()
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The other localiser's answer, with the camera's motion."""
         found = self._localiser.localise(request, pixels, ref)
         if isinstance(found, Fix) and found.t_ns == request.frame.t_ns and found.probability_wrong <= SURE:
-            heading = heading_from(R_from_quat(found.q_ned_frd), R_from_quat(request.prior.q_ned_frd))
-            self._headings.append((found.t_ns, heading))
+            turn_rad = heading_from(R_from_quat(found.q_ned_frd), R_from_quat(request.prior.q_ned_frd))
+            self._heading.found(found.t_ns, turn_rad)
         motion = self._motion(request, pixels, ref)
         return found if motion is None else replace(found, motion=motion)
 
@@ -104,16 +100,16 @@ class WithMotion(Asking):
     def _turned(self, seen: Odometry) -> Odometry:
         """A displacement turned by what recent fixes found wrong with the heading.
 
-        The displacement, not the attitude that the odometry is given: that must not change while it follows a keyframe.
+        The displacement, not the attitude that the odometry is given: that must not change while it follows a keyframe. The
+        keyframe's heading, for how the camera turned since is solved for with the displacement.
         """
-        recent = [heading for t_ns, heading in self._headings if 0 <= seen.t_to_ns - t_ns <= HEADING_AGE_NS]
-        if len(recent) < HEADINGS:
+        heading = self._heading.at(seen.t_from_ns, seen.t_to_ns)
+        if heading is None:
             return seen
-        heading = median(recent)
-        c, s = math.cos(heading), math.sin(heading)
+        c, s = math.cos(heading.turn_rad), math.sin(heading.turn_rad)
         turn = np.array([[c, -s], [s, c]])
         north, east, down = seen.displacement_ned_m
-        sigma = min(seen.sigma_heading_rad, LEARNED_YAW_SIGMA_RAD)
+        sigma = min(seen.sigma_heading_rad, heading.sigma_rad)
         across = np.array([-east, north])
         known = (seen.sigma_heading_rad**2 - sigma**2) * np.outer(across, across)
         cov = turn @ (np.array(seen.cov_ne_m2) - known) @ turn.T

@@ -19,6 +19,7 @@ from visloc_companion.localise.local_frame import local_frame
 from visloc_companion.localise.odometry.below import heights_above
 from visloc_companion.localise.odometry.rotation import TurnWatch
 from visloc_companion.localise.odometry.surface_window import SurfaceWindow
+from visloc_companion.localise.odometry.true_heading import TrueHeading
 from visloc_companion.localise.odometry.turn_follow import HeightsAbove
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoFix, PosePrior, TiltPrior, Turn
@@ -27,15 +28,23 @@ from visloc_companion.types import CameraModel, Fix, Image, LocaliseRequest, NoF
 class WithTurn(Asking):
     """protocols.Localiser: asks another one and adds `turn` and `turn_since_kept` to its answer where they are seen."""
 
-    def __init__(self, localiser: Localiser, model: CameraModel, window: SurfaceWindow | None = None) -> None:
+    def __init__(
+        self,
+        localiser: Localiser,
+        model: CameraModel,
+        window: SurfaceWindow | None = None,
+        heading: TrueHeading | None = None,
+    ) -> None:
         super().__init__(localiser)
         self._watch, self._window = TurnWatch(model), window or SurfaceWindow()
+        self._heading = heading or TrueHeading()
 
     def localise(self, request: LocaliseRequest, pixels: Image, ref: ReferenceMap) -> Fix | NoFix:
         """The other localiser's answer, with the camera's turn. An old picture of a frozen camera tells of none, nor does the
         next one beside it."""
         turns = self._watch.step(pixels, request.frame.t_ns, request.prior.q_ned_frd, self._heights(request.believed, ref))
         since_last = turns.since_last
+        self._heading.seen(request.frame.t_ns, request.prior.q_ned_frd, since_last)
         asked = request if since_last is None else replace(request, prior=_carried_on(request.prior, since_last))
         found = self._localiser.localise(asked, pixels, ref)
         if isinstance(found, NoFix) and found.reason is Reason.FROZEN:

@@ -12,11 +12,12 @@ import pytest
 from visloc_companion.errors import OutsideMap, Reason
 from visloc_companion.geo.se3 import quat_from_euler
 from visloc_companion.geo.wgs84 import geo_from_ned
-from visloc_companion.localise.around.with_motion import HEADINGS, WithMotion
+from visloc_companion.localise.around.with_motion import WithMotion
 from visloc_companion.localise.around.with_turn import WithTurn
 from visloc_companion.localise.asking import Asking
 from visloc_companion.localise.local_frame import local_frame
 from visloc_companion.localise.odometry.surface_window import REACH_HEIGHTS, SurfaceWindow
+from visloc_companion.localise.odometry.true_heading import HEADINGS, TrueHeading
 from visloc_companion.protocols import LocalProjection, ReferenceMap
 from visloc_companion.types import CameraModel, Fix, GeoPoint, Image, LocaliseRequest, NoFix, ReferencePatch
 
@@ -184,6 +185,20 @@ def test_a_compass_that_fixes_contradict_turns_no_displacement(support, flat) ->
     alone = flown(support, flat, WithMotion(Witness(), MODEL), points, compass_rad=off)[-1].motion
     assert alone is not None
     assert motion.sigma_heading_rad < 0.5 * alone.sigma_heading_rad
+
+
+def test_a_heading_that_wanders_after_the_last_fix_turns_no_displacement(support, flat) -> None:
+    heading, witness = TrueHeading(), Witness(0.0)
+    localiser = WithTurn(WithMotion(witness, MODEL, heading=heading), MODEL, heading=heading)
+    points, n = along(HEADINGS + 11, start=-70.0), HEADINGS + 1
+    flown(support, flat, localiser, points[:n])
+    witness.heading_rad = None
+    for k, p in enumerate(points[n:]):
+        last = flown(support, flat, localiser, [p], compass_rad=math.radians(0.6 * (k + 1)), first=n + k)[-1]
+    assert last.turn is not None
+    assert last.motion is not None
+    north, east, _ = last.motion.displacement_ned_m
+    assert math.degrees(math.atan2(east, north)) == pytest.approx(math.degrees(math.atan2(1, 2)), abs=1.0)
 
 
 def test_a_climb_asks_for_more_of_the_map_and_a_descent_for_less(support, flat, monkeypatch: pytest.MonkeyPatch) -> None:
