@@ -7,7 +7,7 @@
     ├── MapError ── OutsideMap, DatumMissing, HashMismatch, SignatureInvalid, CloudError
     ├── ModelError
     ├── LinkError
-    ├── CameraError
+    ├── CameraError ── PictureSizeError
     ├── WorkerError
     ├── JournalError
     ├── LogError
@@ -113,6 +113,10 @@ class LinkError(VislocError):
 
 class CameraError(VislocError):
     """The camera or its calibration cannot be used."""
+
+
+class PictureSizeError(CameraError):
+    """Frames of another size than the calibration's."""
 
 
 class WorkerError(VislocError):

@@ -10,7 +10,7 @@ from collections.abc import AsyncGenerator, Callable
 from dataclasses import replace
 
 from visloc_companion.app.parts import MakeCamera, Parts
-from visloc_companion.errors import CameraError, ConfigError
+from visloc_companion.errors import CameraError, ConfigError, PictureSizeError
 from visloc_companion.protocols import Camera, FrameSlots
 from visloc_companion.types import FrameRef, Notice, Severity
 
@@ -20,6 +20,8 @@ OPEN_S = 60.0
 """A network camera's library takes half a minute to find that nobody answers."""
 TELL_S = 60.0
 """Between two words on frames that are left out, unless the camera breaks."""
+OTHER_SIZE = "visloc: camera gives another image size, unused"
+"""No more than that no frames come would the operator read of a camera that was set to another size."""
 
 
 class CameraFeed:
@@ -50,7 +52,7 @@ class CameraFeed:
                     async for frame in frames:
                         yield frame
             except (CameraError, OSError) as why:  # TimeoutError is one
-                self._complain(str(why) or f"no frame for {STALL_S:g} s")
+                self._complain(why)
             else:
                 self._count(self._parts.camera, at_once=True)
                 self._report(Notice(Severity.NOTICE, "the camera's recording has ended"))
@@ -72,10 +74,13 @@ class CameraFeed:
                 self._last_id = self._first_id + frame.frame_id  # a camera that was opened again counts from its start
                 yield replace(frame, frame_id=self._last_id)
 
-    def _complain(self, trouble: str) -> None:
+    def _complain(self, why: Exception) -> None:
+        trouble = str(why) or f"no frame for {STALL_S:g} s"
         if trouble not in self._told:
             self._told.add(trouble)
-            self._report(Notice(Severity.WARNING, "camera is opened again", data=(("why", trouble),)))
+            of_size = isinstance(why, PictureSizeError)
+            text = OTHER_SIZE if of_size else "camera is opened again"
+            self._report(Notice(Severity.WARNING, text, to_operator=of_size, data=(("why", trouble),)))
 
     def _count(self, camera: Camera, at_once: bool = False) -> None:
         """Say how many frames were left out so far, where they have become more."""
@@ -97,7 +102,7 @@ class CameraFeed:
                 self._parts.camera = await self._opened()
             except (CameraError, ConfigError, OSError) as why:
                 # gone, there under another name, its mask lay on what came out with it, or no descriptor is left to look
-                self._complain(str(why))
+                self._complain(why)
             else:
                 return
 

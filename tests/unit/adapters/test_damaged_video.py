@@ -6,9 +6,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
+from visloc_companion.adapters.camera.table import times_of_video
 from visloc_companion.adapters.camera.video_stamps import not_shown
 from visloc_companion.adapters.logs.video import VideoFrames, notes_on_video, own_times_us
+from visloc_companion.errors import LogError
 
 N_FRAMES = 60
 
@@ -47,3 +50,18 @@ def test_a_whole_one_is_not_spoken_of(tmp_path: Path) -> None:
     path = video(tmp_path / "video.mp4")
     assert not_shown(path, N_FRAMES) == 0
     assert notes_on_video(VideoFrames(path, own_times_us(path, 0))) == []
+
+
+def test_a_table_that_has_a_row_for_each_frame_is_not_blamed_for_the_damage(tmp_path: Path) -> None:
+    """It was told to write a row for each frame, of which it has one."""
+    path, table = damaged(video(tmp_path / "video.mp4")), tmp_path / "frames.csv"
+    table.write_text("t_us\n" + "".join(f"{200_000 * k}\n" for k in range(N_FRAMES)), encoding="utf-8")
+    shown = len(own_times_us(path, 0))
+    told = (
+        rf"has 60 rows, video.mp4 {shown} frames that can be shown and {N_FRAMES - shown} behind damage.*remedy: copy the video"
+    )
+    with pytest.raises(LogError, match=told):
+        times_of_video(table, path, LogError)
+    table.write_text("t_us\n" + "".join(f"{200_000 * k}\n" for k in range(N_FRAMES + 1)), encoding="utf-8")
+    with pytest.raises(LogError, match=r"has 61 rows, whole.mp4 60 frames; remedy: write a row for each frame"):
+        times_of_video(table, video(tmp_path / "whole.mp4"), LogError)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import time
+from collections.abc import AsyncIterator
 from itertools import pairwise
 from pathlib import Path
 from threading import Event, Timer
@@ -19,9 +20,9 @@ from visloc_companion.app.clock import MonotonicClock
 from visloc_companion.app.parts import Parts
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.config import Config
-from visloc_companion.errors import CameraError, ConfigError, VislocError
-from visloc_companion.protocols import Camera, Clock
-from visloc_companion.types import Notice
+from visloc_companion.errors import CameraError, ConfigError, PictureSizeError, VislocError
+from visloc_companion.protocols import Camera, Clock, FrameSlots
+from visloc_companion.types import FrameRef, Notice
 
 GONE = CameraError("cannot be opened", where="/dev/video0", remedy="check the name")
 NO_MASK = ConfigError("cannot be read: No such file or directory", where="camera.mask = /media/card/mask.png")
@@ -115,3 +116,33 @@ async def test_an_opening_that_hangs_ends_no_positions_that_go_on_without_the_ca
             ids = [frame.frame_id async for frame in frames]
     assert ids == [0, 1, 2, 3]
     assert (max(after - before for before, after in pairwise(beats)) < 0.4) == relied_on
+
+
+async def test_the_operator_is_told_of_a_camera_that_gives_another_size_and_it_comes_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That no frames come would be all to read; the log has both sizes."""
+    monkeypatch.setattr(camera_feed, "RETRY_S", 0.02)
+    turned = FakeCamera(configuration(tmp_path), MonotonicClock(), n_frames=2, then="break")
+    told: list[Notice] = []
+    plans = [0, 0, 2]
+
+    class Turned(FakeCamera):
+        async def frames(self, slots: FrameSlots) -> AsyncIterator[FrameRef]:
+            async for frame in super().frames(slots):
+                yield frame
+            if self.n_frames == 0:
+                raise PictureSizeError("image is 48x64, the calibration is for 64x48", where="camera")
+
+    def make(config: Config, clock: Clock) -> Camera:
+        made: Camera = Turned(config, clock, n_frames=plans.pop(0))
+        return made
+
+    with SharedFrameSlots(turned.model()) as slots:
+        feed = CameraFeed(cast("Parts", Flown(turned)), slots, make, told.append, lambda: None)
+        async with contextlib.aclosing(feed.frames()) as frames:
+            assert [frame.frame_id async for frame in frames] == [0, 1, 2, 3]
+    said = [notice for notice in told if notice.to_operator]
+    assert [(notice.text, notice.data) for notice in said] == [
+        ("visloc: camera gives another image size, unused", (("why", "camera: image is 48x64, the calibration is for 64x48"),))
+    ]

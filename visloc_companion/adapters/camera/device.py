@@ -12,6 +12,7 @@ import numpy as np
 from visloc_companion.adapters.camera.after_stall import WAITED, AfterStall
 from visloc_companion.adapters.camera.held import held_by
 from visloc_companion.adapters.camera.image import HALF_DECODED, is_half_decoded, require_size, rgb, stored
+from visloc_companion.adapters.camera.motion_jpeg import MotionJpeg, with_own_sizes
 from visloc_companion.errors import CameraError
 from visloc_companion.protocols import Clock, FrameSlots
 from visloc_companion.types import CameraModel, FrameRef, Image
@@ -138,7 +139,9 @@ def _opened(address: str, model: CameraModel) -> Capture:
             capture.set(cv2.CAP_PROP_FRAME_WIDTH, model.width_px)
             capture.set(cv2.CAP_PROP_FRAME_HEIGHT, model.height_px)
             capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-            return capture
+            opened = with_own_sizes(capture, address)
+            if isinstance(opened, MotionJpeg) or opened.isOpened():
+                return opened
     except cv2.error as fault:
         why = fault
     _require_free(address, why)

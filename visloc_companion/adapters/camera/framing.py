@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.image import decode_image
-from visloc_companion.errors import CameraError
+from visloc_companion.errors import CameraError, PictureSizeError
 from visloc_companion.types import Image
 
 MAGIC = b"VLCF"
@@ -107,7 +107,7 @@ class FrameDecoder:
     def feed(self, data: bytes) -> list[EncodedFrame]:
         """The frames that are complete with these bytes.
 
-        Raises CameraError for a sound header of another version, or of a frame larger than can be meant.
+        Raises CameraError for a sound header of another version, PictureSizeError for one of a frame larger than can be meant.
         """
         self._buffer += data
         frames: list[EncodedFrame] = []
@@ -121,7 +121,7 @@ class FrameDecoder:
                     remedy="install the same release on both sides",
                 )
             if sound and length > self._max_payload:
-                raise CameraError(
+                raise PictureSizeError(
                     f"a frame of {width}x{height} in {length} bytes is larger than the calibration's could be",
                     remedy="set the camera to the calibrated size, or calibrate at this size and correct section [camera]",
                 )

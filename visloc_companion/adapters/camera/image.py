@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from visloc_companion.errors import CameraError
+from visloc_companion.errors import PictureSizeError
 from visloc_companion.protocols import FrameSlots
 from visloc_companion.types import CameraModel, FrameRef, Image
 
@@ -87,9 +87,9 @@ def rgb(bgr: NDArray[Any]) -> Image:
 
 
 def require_size(width_px: int, height_px: int, model: CameraModel, where: str) -> None:
-    """Raises CameraError naming the source, both sizes and the remedy where an image is not of the calibration's size."""
+    """Raises PictureSizeError naming the source, both sizes and the remedy where an image is not of the calibration's size."""
     if (width_px, height_px) != (model.width_px, model.height_px):
-        raise CameraError(
+        raise PictureSizeError(
             f"image is {width_px}x{height_px}, the calibration is for {model.width_px}x{model.height_px}",
             where=where,
             remedy="set the camera to the calibrated size, or calibrate at this size and correct section [camera]",

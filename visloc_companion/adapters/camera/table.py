@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from visloc_companion.adapters.camera.video_stamps import frame_count
+from visloc_companion.adapters.camera.video_stamps import frame_count, not_shown
 from visloc_companion.adapters.table import ErrorKind, finer, number_in, read_table, refuse
 from visloc_companion.errors import CameraError
 
@@ -78,7 +78,11 @@ def times_of_video(table: Path, video: Path, kind: ErrorKind = CameraError) -> t
     if not n_frames:
         raise kind("cannot be decoded as a video", where=str(video), remedy="convert it to MP4 with H.264")
     if n_frames != len(rows):
-        raise kind(f"has {len(rows)} rows, {video.name} {n_frames} frames", where=str(table), remedy=_A_ROW_EACH)
+        what, remedy = f"has {len(rows)} rows, {video.name} {n_frames} frames", _A_ROW_EACH
+        if (n_hidden := not_shown(video, n_frames)) and n_frames < len(rows):  # its rows may be right
+            what += f" that can be shown and {n_hidden} behind damage, or that were lost or cut off"
+            remedy = f"copy the video again, or cut the table to its first {n_frames} rows where only the end is missing"
+        raise kind(what, where=str(table), remedy=remedy)
     return tuple(times_us)
 
 

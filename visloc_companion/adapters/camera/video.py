@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.image import as_stored, require_size, rgb, stored
+from visloc_companion.adapters.camera.motion_jpeg import require_one_size
 from visloc_companion.adapters.camera.table import reached, require_name, stamped_by_autopilot, times_of_video
 from visloc_companion.adapters.camera.video_stamps import is_raw
 from visloc_companion.errors import CameraError
@@ -36,6 +37,7 @@ class VideoCamera:
         as_stored(self._capture)
         size = [int(self._capture.get(prop)) for prop in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
         require_size(size[0], size[1], model, str(path))
+        require_one_size(self._path, CameraError)
         tables = [self._path.with_suffix(".csv"), self._path.parent / "frames.csv"]
         for candidate in tables:
             require_name(candidate)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from visloc_companion.adapters.camera.image import decode_image
+from visloc_companion.adapters.camera.motion_jpeg import require_one_size
 from visloc_companion.adapters.camera.table import files_listed, require_name, times_of_video
 from visloc_companion.adapters.camera.video_stamps import VIDEO_SUFFIXES
 from visloc_companion.adapters.logs.video import VideoFrames, notes_on_video, own_times_us
@@ -63,6 +64,7 @@ def open_frames(folder: Path, start_us: int | None) -> FrameSource | None:
         names = ", ".join(path.name for path in videos)
         raise LogError(f"may hold one video, has {names}", where=str(folder), remedy="leave that of the flight there")
     if videos:
+        require_one_size(videos[0], LogError)
         times = times_of_video(table, videos[0], LogError) if table.exists() else own_times_us(videos[0], start_us)
         return VideoFrames(videos[0], times)
     if not table.exists():

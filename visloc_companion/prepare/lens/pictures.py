@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from visloc_companion.adapters.camera.image import as_stored, decode_image, rgb
+from visloc_companion.adapters.camera.motion_jpeg import require_one_size
 from visloc_companion.adapters.camera.video_stamps import VIDEO_SUFFIXES
 from visloc_companion.errors import CameraError
 from visloc_companion.types import Image
@@ -66,7 +67,7 @@ def _pictures_in(folder: Path) -> list[Path]:
 def pictures_of(file: Path, every: int | None, name: str = "") -> Iterator[Picture]:
     """The picture of an image file, or every so many frames of a video (two a second where that is not said); `name` them so.
 
-    Raises CameraError for a file that may not be read.
+    Raises CameraError for a file that may not be read, and a video of JPEGs of several sizes.
     """
     if file.suffix.lower() in VIDEOS:
         yield from _frames(file, every, name or file.name)
@@ -83,6 +84,7 @@ def _frames(file: Path, every: int | None, name: str) -> Iterator[Picture]:
     if not video.open(str(file)):
         yield Picture(name, None)
         return
+    require_one_size(file, CameraError)
     as_stored(video)
     rate_hz = float(video.get(cv2.CAP_PROP_FPS))
     step = every or max(1, round(rate_hz / PICTURES_A_SECOND)) if np.isfinite(rate_hz) else 1
