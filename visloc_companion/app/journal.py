@@ -6,7 +6,8 @@ The first record is the effective configuration with versions and the map's hash
 gap tells that records were dropped.
 
 A thread writes, so a slow disk never holds the event loop. Chunks are at most 256 kB and are flushed to the disk every
-second. A disk that is full, fails or became read-only is told, and tried again: the journal goes on once it takes what waits.
+second. A disk that is full, fails or became read-only is told, and tried again: the journal goes on once it takes what waits. A
+file that is removed is made anew (journal_removed.py).
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ import contextlib
 import errno
 import io
 import json
-import mmap
 import os
 import queue
 import struct
@@ -33,8 +33,10 @@ from visloc_companion.app import journal_lock
 from visloc_companion.app.journal_end import abandon
 from visloc_companion.app.journal_header import JournalHeader, OtherProgramsError, header_of, require_own
 from visloc_companion.app.journal_payload import BINARY, FRAME, HEADER, MAVLINK_IN, MAVLINK_OUT, NOTICE, parsed, payload, thing_of
+from visloc_companion.app.journal_records import records
+from visloc_companion.app.journal_removed import MadeAnew, require_there
 from visloc_companion.app.journal_stream import JournalStream
-from visloc_companion.app.salvage import OnDamage, Record, read_records
+from visloc_companion.app.salvage import OnDamage
 from visloc_companion.app.serialise import COMMAND_TYPES, EVENT_TYPES, json_schema
 from visloc_companion.errors import JournalError, fault_text, is_of_the_disk
 from visloc_companion.types import Command, Event, FrameRef, Image, Notice
@@ -77,7 +79,7 @@ def read_journal(
     topics: tuple[str, ...] = _OF_TYPES if commands else _OF_TYPES[:1]
     topics = (*topics, NOTICE) if shell else topics
     expected: int | None = None
-    for record in _records(path, salvage, on_damage):
+    for record in records(path, salvage, on_damage):
         if expected is not None and record.sequence != expected and on_damage is not None:
             on_damage(f"{(record.sequence - expected) % 2**32} records are missing before number {record.sequence}")
         expected = (record.sequence + 1) % 2**32
@@ -93,7 +95,7 @@ def read_journal(
 def read_header(path: Path) -> JournalHeader:
     """The first record. Raises JournalError where there is none."""
     topics: set[str | None] = set()
-    for record in _records(path, True, None):
+    for record in records(path, True, None):
         if record.topic == HEADER:
             return header_of(parsed(record, path), path)
         topics.add(record.topic)
@@ -109,7 +111,7 @@ def header_left(path: Path) -> JournalHeader:
     except OtherProgramsError:
         raise
     except JournalError:
-        if next(_records(path, True, None), None) is None:
+        if next(records(path, True, None), None) is None:
             raise
         return JournalHeader({})
 
@@ -117,42 +119,20 @@ def header_left(path: Path) -> JournalHeader:
 def read_mavlink(path: Path, *, outgoing: bool) -> Iterator[tuple[int, bytes]]:
     """Raw bytes of the link with their times."""
     topic = MAVLINK_OUT if outgoing else MAVLINK_IN
-    return ((record.log_time_ns, record.data) for record in _records(path, True, None) if record.topic == topic)
+    return ((record.log_time_ns, record.data) for record in records(path, True, None) if record.topic == topic)
 
 
 def read_frames(path: Path) -> Iterator[tuple[int, Image]]:
     """Frame numbers and pixels, where frames were recorded. Raises JournalError for an image that cannot be decoded."""
     import cv2
 
-    for record in _records(path, True, None):
+    for record in records(path, True, None):
         if record.topic == FRAME or (record.topic is None and record.data[8 : 8 + len(_PNG)] == _PNG):
             pixels = cv2.imdecode(np.frombuffer(record.data, np.uint8, offset=8), cv2.IMREAD_UNCHANGED)
             if pixels is None:
                 raise JournalError(f"the frame of record {record.sequence} cannot be decoded", where=str(path))
             rgb = pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[:, :, ::-1])
             yield struct.unpack_from("<Q", record.data)[0], np.asarray(rgb, dtype=np.uint8)
-
-
-def _records(path: Path, salvage: bool, on_damage: OnDamage | None) -> Iterator[Record]:
-    written = False
-
-    def damaged(what: str) -> None:
-        if not salvage:
-            state, wait = ("not whole", "wait for its end, or ") if written else ("damaged", "")
-            remedy = f"{wait}read what is there: visloc replay FILE --salvage"
-            raise JournalError(f"is {state}: {what}", where=str(path), remedy=remedy)
-        if on_damage is not None:
-            on_damage(what)
-
-    try:
-        with path.open("rb") as file:
-            if os.fstat(file.fileno()).st_size == 0:
-                raise JournalError("is empty", where=str(path), remedy="use another journal")
-            written = journal_lock.is_held(file)  # before its length is taken: what ends in between ends whole
-            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-                yield from read_records(data, str(path), damaged, written=written)
-    except (OSError, ValueError) as why:
-        raise JournalError(f"cannot be read: {why}", where=str(path), remedy="name a readable .mcap file") from why
 
 
 # --------------------------------------------------------------------------------------------------------------- writing
@@ -178,6 +158,7 @@ class JournalWriter:
         self.problem = ""
         self._stream, self._max_bytes, self._on_problem, self._goes_on = stream, max_bytes, on_problem, goes_on
         self._written = JournalStream(stream)
+        self._anew = MadeAnew(path, self._report)
         self._sequence = self._frames_waiting = self._pending_bytes = self._chunks = 0
         self._drop_told = False
         self._queue: queue.Queue[tuple[str, int, int, Any] | None] = queue.Queue(_QUEUE)
@@ -199,7 +180,7 @@ class JournalWriter:
             for name in (f"visloc-{stamp}.mcap", *(f"visloc-{stamp}-{n}.mcap" for n in range(1, 1000))):
                 with contextlib.suppress(FileExistsError):
                     path = folder / name
-                    return cls(path.open("xb"), header, max_bytes=max_bytes, on_problem=on_problem, path=path, goes_on=True)
+                    return cls(path.open("x+b"), header, max_bytes=max_bytes, on_problem=on_problem, path=path, goes_on=True)
         except OSError as why:
             raise JournalError(f"cannot be written: {why}", where=str(folder), remedy="name a writable journal.folder") from why
         raise JournalError("holds a thousand journals of this second", where=str(folder), remedy="empty the folder")
@@ -273,6 +254,7 @@ class JournalWriter:
                         self._write(*item)
                     if time.monotonic() >= flush_at:
                         self._flush()
+                        self._stay_there()
                         flush_at = time.monotonic() + _FLUSH_S
                 except OSError as why:
                     if not (self._goes_on and self._written.kept_bytes and is_of_the_disk(why)):
@@ -364,17 +346,28 @@ class JournalWriter:
         self._end_chunk()
         try:
             os.fsync(self._stream.fileno())
-            if self.path is not None and os.fstat(self._stream.fileno()).st_nlink == 0 and not self.path.exists():
-                raise FileNotFoundError(errno.ENOENT, "its file was removed")
+            if self.path is not None and not self._goes_on:
+                require_there(self._stream, self.path)
         except io.UnsupportedOperation:
             return  # a stream without a file
         except OSError as why:
             if why.errno != errno.EINVAL:  # a file that cannot be synchronised, as pipes and devices
                 raise
 
+    def _stay_there(self, *, whole: bool = False) -> None:
+        """Make a file anew that was removed, some of it each time (`whole`: all of it), and write on there."""
+        if self.path is None or not self._goes_on:
+            return
+        anew = self._anew.made(self._stream, self._written.kept_bytes, whole=whole)
+        if anew is not None:
+            self._stream.close()
+            self._stream = anew
+            self._written.move_to(anew)
+
     def _finish(self) -> None:
         self._writer.finish()
         self._flush()
+        self._stay_there(whole=True)
         self._stream.close()
 
     def _end(self, problem: str) -> None:

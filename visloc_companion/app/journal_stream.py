@@ -24,6 +24,10 @@ class JournalStream:
         """Bytes that were written, be they in the file yet or not."""
         return self.kept_bytes + len(self._waiting)
 
+    def move_to(self, file: BinaryIO) -> None:
+        """Write on to another file, which holds what this one does."""
+        self._file = getattr(file, "raw", file)
+
     def flush(self) -> None:
         """Write what has gathered. Raises OSError where the file does not take all of it, and takes back what it took."""
         try:

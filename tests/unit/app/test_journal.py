@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import shutil
 import signal
 import subprocess
 import sys
@@ -256,20 +255,6 @@ def test_a_full_disk_ends_the_journal_with_one_report(tmp_path: Path) -> None:
     assert problems == ["journal stopped: No space left on device"]
     assert writer.problem == problems[0]
     assert writer.dropped >= len(flight(200))
-
-
-def test_a_journal_whose_file_is_removed_says_so(tmp_path: Path) -> None:
-    """What is written to a removed file is lost, and nothing fails. A record that was dropped before does not hide it."""
-    problems: list[str] = []
-    writer = JournalWriter.create(tmp_path / "journals", HEADER, max_bytes=1_000_000, on_problem=problems.append)
-    write(writer, [*flight(10), Entry(-3, Tick(3), None), Entry(-4, Tick(4), None)])
-    while writer.dropped < 2:
-        time.sleep(0.01)
-    shutil.rmtree(tmp_path / "journals")
-    writer._thread.join(30)
-    writer.close()
-    assert [text.split(":")[0] for text in problems] == ["journal record dropped", "journal stopped"]
-    assert writer.problem == problems[1] == "journal stopped: its file was removed"
 
 
 def test_the_journal_ends_whole_at_its_largest_size(tmp_path: Path) -> None:
