@@ -106,7 +106,7 @@ def build(
     from visloc_companion.maps.pack import PackMap
     from visloc_companion.maps.registration import registration_warnings
     from visloc_companion.prepare.build import build_pack
-    from visloc_companion.prepare.check import cloud_info
+    from visloc_companion.prepare.check import cloud_info, pole_warnings
     from visloc_companion.prepare.dates import bent_dates
     from visloc_companion.prepare.heights import (
         cloud_above_at_places,
@@ -175,6 +175,7 @@ def build(
         *bent_dates(manifest.other_dates, manifest.gsd_m),
         *heights_warnings(cloud_above_at_places(pack)),
         *undulation_warnings(manifest.heights, surface, ground_height_m),
+        *pole_warnings(manifest.bounds),
     ):
         typer.echo(f"warning: {warning}", err=True)
     if manifest.heights.share_known < 0.9995:

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from visloc_companion.core.validate import MAX_LATITUDE_DEG
 from visloc_companion.errors import OutsideMap
 from visloc_companion.geo.way import along
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.localise.features.base import Features
 from visloc_companion.localise.features.gradient import GRADIENT
-from visloc_companion.maps.manifest import FeatureLevel, Manifest
+from visloc_companion.maps.manifest import Bounds, FeatureLevel, Manifest
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.maps.registration import pack_tie, why_off
 from visloc_companion.prepare.heights import cloud_above_at_places, cloud_above_surface_m, heights_warnings, surface_range
@@ -67,6 +68,7 @@ def check_pack(pack: PackMap, route: Path | None, margin_m: float = 0.0, network
     result["warnings"] += [] if planned is None else _planned_warnings(pack, planned, margin_m)
     result["warnings"] += heights_warnings(above)
     result["warnings"] += [why] if (why := why_off(tie)) else []
+    result["warnings"] += pole_warnings(pack.manifest.bounds)
     result["warnings"] += [why for each in (GRADIENT, *networks) if (why := pack.why_not_stored(each.name, each.recipe))]
     result["passed"] = planned is None or result["route"]["points_outside"] == 0
     return result
@@ -130,6 +132,16 @@ def _warnings(result: dict[str, Any]) -> list[str]:
     if "route" in result and result["route"]["points_outside"] == 0 and result["route"]["share_matchable"] < MIN_SHARE_MATCHABLE:
         found.append(f"only {result['route']['share_matchable']:.0%} of the route can be matched")
     return found
+
+
+def pole_warnings(bounds: Bounds) -> list[str]:
+    """A warning where a map reaches so near to a pole that no position is given there."""
+    farthest_deg = max(abs(bounds.south_deg), abs(bounds.north_deg))
+    if farthest_deg <= MAX_LATITUDE_DEG:
+        return []
+    return [
+        f"it reaches {farthest_deg:.2f} degrees of latitude: beyond {MAX_LATITUDE_DEG:g} no position is given, and none taken"
+    ]
 
 
 def _planned_warnings(pack: PackMap, planned: Route, margin_m: float) -> list[str]:

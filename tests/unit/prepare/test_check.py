@@ -9,7 +9,7 @@ from visloc_companion.errors import MapError
 from visloc_companion.geo.wgs84 import distance_m
 from visloc_companion.maps.pack import PackMap
 from visloc_companion.prepare.build import build_pack
-from visloc_companion.prepare.check import check_pack, on_map
+from visloc_companion.prepare.check import check_pack, on_map, pole_warnings
 from visloc_companion.prepare.matchability import matchability
 from visloc_companion.prepare.route import Route, read_route
 from visloc_companion.types import GeoPoint
@@ -346,3 +346,15 @@ def test_a_mission_that_leads_nowhere_is_told_of(lake: PackMap, tmp_path: Path, 
     assert any("the route holds one place alone" in warning for warning in check_pack(lake, tmp_path / "r.plan")["warnings"])
     there = write_route(tmp_path / "there.csv", [home, place(lake, -250, 0)])
     assert not any("alone" in warning for warning in check_pack(lake, there)["warnings"])
+
+
+@pytest.mark.parametrize(("lat_deg", "n_told"), [(88.9, 0), (89.1, 1)])
+def test_a_map_beside_a_pole_says_that_no_position_is_given_there(
+    tmp_path: Path, write_raster, lat_deg: float, n_told: int
+) -> None:
+    write_raster(tmp_path / "a.tif", textured(200, 200), "EPSG:5041", (lat_deg, 20.0), 1.0)
+    build_pack([tmp_path / "a.tif"], None, tmp_path / "pack")
+    pack = PackMap.open(tmp_path / "pack")
+    told = [warning for warning in check_pack(pack, None)["warnings"] if "latitude" in warning]
+    assert told == pole_warnings(pack.manifest.bounds) and len(told) == n_told
+    assert all("it reaches 89.10 degrees of latitude: beyond 89 no position is given" in warning for warning in told)

@@ -24,11 +24,11 @@ def scene() -> Scene:
     return Scene(pixels, heights, np.array([[0.5, 0.0, 604_000.25], [0.0, -0.5, 5_350_000.0]]), "EPSG:32632")
 
 
-def write(path: Path, bands: np.ndarray, crs: str | None = "EPSG:26914", gsd_m: float = 5.0) -> Path:
+def write(path: Path, bands: np.ndarray, crs: str | None = "EPSG:26914", gsd_m: float = 5.0, **more: str) -> Path:
     count, height, width = bands.shape
     transform = Affine(gsd_m, 0, 485_905.0, 0, -gsd_m, 5_209_240.0)
     profile = {"driver": "GTiff", "count": count, "height": height, "width": width, "dtype": bands.dtype.name}
-    with rasterio.open(path, "w", **profile, crs=crs, transform=transform) as target:
+    with rasterio.open(path, "w", **profile, crs=crs, transform=transform, **more) as target:
         target.write(bands)
     return path
 
@@ -68,6 +68,13 @@ def test_colours_are_those_that_are_named_and_no_numbers_of_a_table(tmp_path: Pa
 def test_one_grey_band_serves_as_all_three(tmp_path: Path) -> None:
     grey = np.arange(48, dtype=np.uint8).reshape(1, 6, 8)
     loaded = Scene.load(write(tmp_path / "grey.tif", grey))
+    assert np.array_equal(loaded.pixels, np.dstack([grey[0]] * 3))
+
+
+def test_grey_that_counts_from_white_is_seen_as_what_it_shows(tmp_path: Path) -> None:
+    """The map reads it so; a simulated camera saw its negative."""
+    grey = np.arange(48, dtype=np.uint8).reshape(1, 6, 8)
+    loaded = Scene.load(write(tmp_path / "grey.tif", 255 - grey, photometric="MINISWHITE"))
     assert np.array_equal(loaded.pixels, np.dstack([grey[0]] * 3))
 
 

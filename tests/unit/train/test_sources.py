@@ -85,6 +85,15 @@ def test_a_colour_table_is_refused(write: Write) -> None:
         read_imagery(path)
 
 
+def test_a_date_whose_grey_counts_from_white_is_learned_from_as_what_it_shows(tmp_path: Path) -> None:
+    grey = land(bands=1)
+    place = {"crs": "EPSG:32632", "transform": Affine(1, 0, 500_000, 0, -1, 5_000_000), "photometric": "MINISWHITE"}
+    shape = {"driver": "GTiff", "width": COLS, "height": ROWS, "count": 1, "dtype": "uint8"}
+    with rasterio.open(tmp_path / "a.tif", "w", **shape, **place) as out:
+        out.write(255 - grey[..., 0], 1)
+    assert np.array_equal(read_imagery(tmp_path / "a.tif").bands, grey)
+
+
 def test_alpha_is_no_band_and_near_infrared_is_one_even_where_it_is_called_alpha(write: Write) -> None:
     rgba = (ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha)
     full = np.full((ROWS, COLS, 1), 255, np.uint8)

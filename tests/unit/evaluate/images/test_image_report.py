@@ -83,6 +83,17 @@ def test_no_ground_is_known_where_the_map_states_no_place(world, crs):
     assert ground_under(replace(case, ortho=world / "\udcff.tif"), truth, 40.0) is None
 
 
+@pytest.mark.parametrize("photometric", ["MINISBLACK", "MINISWHITE"])
+def test_water_of_a_grey_map_is_dark_whichever_way_its_values_count(world, write_raster, photometric):
+    case, truth = case_at(world, "a", -30, 30)
+    grey = np.full((SIZE, SIZE), 40, np.uint8)
+    stored = 255 - grey if photometric == "MINISWHITE" else grey
+    middle = (MIDDLE.lat_deg, MIDDLE.lon_deg)
+    write_raster(world / f"{photometric}.tif", stored, "EPSG:32632", middle, 1.0, photometric=photometric)
+    ground = ground_under(replace(case, ortho=world / f"{photometric}.tif"), truth, 40.0)
+    assert ground is not None and ground.cover == "water"
+
+
 def test_only_the_part_of_the_map_under_the_frame_is_read(world):
     """Whole orthophotos may be larger than the memory; what is beside the part counts for its edges as in the whole."""
     case, truth = case_at(world, "a", 0, -30)
