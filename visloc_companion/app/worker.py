@@ -21,7 +21,17 @@ from visloc_companion.app.mailbox import Mailbox
 from visloc_companion.app.patience import Patience
 from visloc_companion.app.slots import SharedFrameSlots
 from visloc_companion.app.worker_ahead import WorkerAhead, begun
-from visloc_companion.app.worker_process import REAL_ANSWERS, Changed, Failed, Ready, WorkerJob, WorkerRequest, no_fix, run_worker
+from visloc_companion.app.worker_process import (
+    REAL_ANSWERS,
+    Changed,
+    Failed,
+    Faulty,
+    Ready,
+    WorkerJob,
+    WorkerRequest,
+    no_fix,
+    run_worker,
+)
 from visloc_companion.config import Config
 from visloc_companion.errors import MapError, Reason, VislocError, WorkerError
 from visloc_companion.protocols import Clock
@@ -214,6 +224,10 @@ class WorkerSupervisor:
             self._failed(message.error)
         elif isinstance(message, Changed):
             self._on_notice(Notice(Severity.WARNING, "localiser: network on another provider", True, (("now", message.about),)))
+        elif isinstance(message, Faulty):
+            self._on_notice(
+                Notice(Severity.WARNING, "visloc: localiser fails on all frames, see log", True, (("why", message.why),))
+            )
         elif self._in_flight is not None and message.request_id == self._in_flight.request_id:
             self._disarm()
             self._in_flight = None
@@ -221,7 +235,7 @@ class WorkerSupervisor:
             self.events.put(replace(message, t_rx_ns=self._clock.now_ns()))
 
     def _failed(self, error: VislocError) -> None:
-        self._why, self._unfit = str(error), error
+        self._why, self._unfit = str(error), None if self.up else error
         if self._started is not None and not self._started.done():
             self._started.set_exception(error)
 

@@ -16,7 +16,7 @@ from visloc_companion.app.slots import SlotsName, WorkerSlots
 from visloc_companion.app.terrain import TerrainAnswer
 from visloc_companion.config import Config
 from visloc_companion.core.terrain.terrain_aiding import METHOD as TERRAIN
-from visloc_companion.errors import Reason, VislocError, WorkerError, fault_text
+from visloc_companion.errors import ModelError, Reason, VislocError, WorkerError, fault_text
 from visloc_companion.protocols import Localiser, ReferenceMap
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix, TerrainRequest
 
@@ -28,6 +28,9 @@ Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
 """What the worker does with a request: pure, and it may take long."""
 AnswerFactory = Callable[[Config], Answer]
 REAL_ANSWERS = "visloc_companion.app.worker_process:open_localiser"
+FAULTS_IN_A_ROW = 5
+_NO_MEMORY_OF_OPENCV = -4
+"""cv2.Error.StsNoMem."""
 _THREAD_LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "GDAL_NUM_THREADS")
 
 
@@ -53,7 +56,7 @@ class Ready:
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """The worker's first message: why it cannot start."""
+    """The worker's first message: why it cannot start; or its last one: why it ends."""
 
     error: VislocError
 
@@ -63,6 +66,39 @@ class Changed:
     """Another provider computes than before: what computes now, and what was left and why."""
 
     about: str
+
+
+@dataclass(frozen=True, slots=True)
+class Faulty:
+    """`FAULTS_IN_A_ROW` requests failed by faults of the program, the last by `why`; said again once one was answered between."""
+
+    why: str
+
+
+class Faults:
+    """Faults in a row. One costs its frame, more are told, and a worker that finds no memory for so many ends: another one begins
+    with what this one has gathered given back."""
+
+    def __init__(self) -> None:
+        self._short = self._other = 0
+
+    def seen(self, fault: Exception | None) -> Faulty | Failed | None:
+        """Take what the newest request failed by, None where it was answered; what the daemon is to be told."""
+        if fault is None:
+            self._short = self._other = 0
+            return None
+        short = is_shortage(fault)
+        self._short, self._other = self._short + short, self._other + (not short)
+        if short and self._short == FAULTS_IN_A_ROW:
+            remedy = "the unit's LimitAS= and MemoryMax=, ulimit -v; a smaller camera.width_px or localiser.max_search_radius_m"
+            return Failed(WorkerError(f"finds no memory: {fault_text(fault)}", where="worker", remedy=remedy))
+        return Faulty(fault_text(fault)) if not short and self._other == FAULTS_IN_A_ROW else None
+
+
+def is_shortage(fault: Exception) -> bool:
+    """Whether a fault says that no memory is to be had: Python's, OpenCV's or ONNX Runtime's."""
+    of_network = isinstance(fault, ModelError) and "allocate memory" in str(fault)
+    return isinstance(fault, MemoryError) or getattr(fault, "code", None) == _NO_MEMORY_OF_OPENCV or of_network
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,13 +179,18 @@ def run_worker(job: WorkerJob, connection: Connection) -> None:
         connection.send(Failed(WorkerError(f"cannot start: {type(error).__name__}: {error}", where="worker")))
         return
     try:
-        about = about_of(answer)
+        about, faults = about_of(answer), Faults()
         connection.send(Ready(about))
         while (request := connection.recv()) is not None:
-            answered = _answered(answer, request, slots, job.config.localiser.method)
+            answered, fault = _answered(answer, request, slots, job.config.localiser.method)
             if about != (about := about_of(answer)):
                 connection.send(Changed(about))
             connection.send(answered)
+            told = faults.seen(fault)
+            if told is not None:
+                connection.send(told)
+            if isinstance(told, Failed):
+                return
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return  # the daemon is gone
 
@@ -174,11 +215,11 @@ def about_of(answer: Answer) -> str:
     return answer.about if isinstance(answer, OverMap) else ""
 
 
-def _answered(answer: Answer, request: WorkerRequest, slots: WorkerSlots, method: str) -> Fix | NoFix:
-    """The answer; a fault that one frame provokes must not cost the process, so it is an answer too."""
+def _answered(answer: Answer, request: WorkerRequest, slots: WorkerSlots, method: str) -> tuple[Fix | NoFix, Exception | None]:
+    """The answer, and what it failed by: a fault that one frame provokes must not cost the process, so it is an answer too."""
     try:
         if isinstance(request, TerrainRequest):
-            return about_terrain(answer.terrain if isinstance(answer, OverMap) else None, request)
-        return answer(request, slots.read(request.frame))
+            return about_terrain(answer.terrain if isinstance(answer, OverMap) else None, request), None
+        return answer(request, slots.read(request.frame)), None
     except Exception as fault:
-        return no_fix(request, method, Reason.BAD_INPUT, fault_text(fault))
+        return no_fix(request, method, Reason.BAD_INPUT, fault_text(fault)), fault

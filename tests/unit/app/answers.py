@@ -12,7 +12,7 @@ from typing import Any, cast
 
 from visloc_companion.app.worker_process import OverMap
 from visloc_companion.config import Config
-from visloc_companion.errors import HashMismatch, MapError, Reason
+from visloc_companion.errors import HashMismatch, MapError, ModelError, Reason
 from visloc_companion.types import Fix, Image, LocaliseRequest, NoFix
 
 Answer = Callable[[LocaliseRequest, Image], Fix | NoFix]
@@ -76,6 +76,30 @@ def by_request_id(config: Config) -> Answer:
         return _fix(request, pixels)
 
     return answer
+
+
+def by_tens(config: Config) -> Answer:
+    """Fails as the tens of the request's number say: 1 for want of memory, 2 and 3 as OpenCV, ONNX Runtime do then, 4 else."""
+
+    def answer(request: LocaliseRequest, pixels: Image) -> Fix | NoFix:
+        kind = request.request_id // 10
+        if kind == 1:
+            raise MemoryError("Unable to allocate 1.50 MiB")
+        if kind == 2:
+            raise _NoMemoryOfOpenCv("Insufficient memory")
+        if kind == 3:
+            raise ModelError("does not run on (1, 3, 8, 8): Failed to allocate memory for requested buffer of size 6773760")
+        if kind == 4:
+            raise ZeroDivisionError("a fault")
+        return _fix(request, pixels)
+
+    return answer
+
+
+class _NoMemoryOfOpenCv(Exception):
+    """As cv2.error, which takes its code from C++ alone."""
+
+    code = -4
 
 
 def broken_pack(config: Config) -> Answer:
