@@ -17,7 +17,7 @@ from rasterio.warp import Resampling, reproject
 from visloc_companion.errors import MapError
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
 from visloc_companion.maps.crs import Linearisation, map_crs
-from visloc_companion.maps.from_white import counts_from_white
+from visloc_companion.maps.from_white import as_shown
 from visloc_companion.maps.geotiff import DatasetLayer, colour_bands, open_dsm
 from visloc_companion.maps.world_file import open_raster
 from visloc_companion.types import FloatArray, GeoPoint, Image
@@ -159,7 +159,7 @@ def _pixels(source: rasterio.DatasetReader, path: Path) -> Image:
         raise MapError(f"has {source.dtypes[0]} bands, not uint8", where=str(path), remedy="gdal_translate -ot Byte -scale")
     bands = colour_bands(path, source)
     pixels = np.ascontiguousarray(np.moveaxis(source.read(bands if len(bands) == 3 else bands * 3), 0, 2))
-    return np.uint8(255) - pixels if counts_from_white(source) else pixels
+    return as_shown(source, pixels)
 
 
 def _heights_on_grid(path: Path, shape: tuple[int, int], transform: Affine, crs: rasterio.CRS) -> NDArray[np.float32]:

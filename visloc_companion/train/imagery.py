@@ -14,7 +14,7 @@ from rasterio.enums import ColorInterp
 
 from visloc_companion.errors import CasesError
 from visloc_companion.maps.collar import collar
-from visloc_companion.maps.from_white import counts_from_white, positive
+from visloc_companion.maps.from_white import as_shown
 from visloc_companion.maps.shown import shown_by
 
 Bands = NDArray[np.uint8]
@@ -67,8 +67,7 @@ def _read(path: Path, dataset: Any) -> Imagery:
     used = [band for band, meaning in zip(dataset.indexes, meanings, strict=True) if meaning is not empty]
     bands = np.ascontiguousarray(dataset.read(used[:MOST_BANDS]).transpose(1, 2, 0))
     valid = shown.read(dataset, bands.shape[:2])
-    if counts_from_white(dataset):
-        bands = positive(bands, np.full(bands.shape[:2], 255, np.uint8))
+    bands = as_shown(dataset, bands)
     a, b, c, d, e, f = tuple(dataset.transform)[:6]
     image = Imagery(path, bands, valid, dataset.crs, np.array([[a, b, c], [d, e, f]]))
     return image if shown.tells(valid) else replace(image, valid=~collar(colours(image)))

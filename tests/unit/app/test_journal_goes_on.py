@@ -5,19 +5,14 @@ from __future__ import annotations
 import errno
 import io
 import os
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tests.unit.app.journals import HEADER, record, until
 from visloc_companion.app import journal
 from visloc_companion.app.journal import JournalWriter, read_header, read_journal
-from visloc_companion.app.journal_header import JournalHeader
 from visloc_companion.app.journal_stream import JournalStream
-from visloc_companion.types import Tick
-
-HEADER = JournalHeader({}, {}, "", "", 0, 0)
 
 
 class Disk(io.FileIO):
@@ -33,22 +28,10 @@ class Disk(io.FileIO):
         return super().write(part)
 
 
-def until(happened: Callable[[], object]) -> None:
-    by_s = time.monotonic() + 30
-    while not happened():
-        assert time.monotonic() < by_s
-        time.sleep(0.01)
-
-
 @pytest.fixture
 def tried_often(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal, "_TRY_AGAIN_S", 0.02)
     monkeypatch.setattr(journal, "_FLUSH_S", 0.02)
-
-
-def record(writer: JournalWriter, times_ns: range) -> None:
-    for t_ns in times_ns:
-        writer.event(t_ns, Tick(t_ns))
 
 
 @pytest.mark.parametrize("fault", [errno.ENOSPC, errno.EROFS, errno.EIO])

@@ -6,36 +6,21 @@ import errno
 import os
 import shutil
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tests.unit.app.journals import HEADER, record, until
 from visloc_companion.app import journal, journal_lock, journal_removed
 from visloc_companion.app.journal import JournalWriter, read_header, read_journal
-from visloc_companion.app.journal_header import JournalHeader
-from visloc_companion.types import Tick
 
-HEADER = JournalHeader({}, {}, "", "", 0, 0)
 ANEW = "journal was removed, is made anew"
-
-
-def until(happened: Callable[[], object]) -> None:
-    by_s = time.monotonic() + 30
-    while not happened():
-        assert time.monotonic() < by_s
-        time.sleep(0.01)
 
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal, "_FLUSH_S", 0.02)
     monkeypatch.setattr(journal_removed, "_TRY_AGAIN_S", 0.02)
-
-
-def record(writer: JournalWriter, times_ns: range) -> None:
-    for t_ns in times_ns:
-        writer.event(t_ns, Tick(t_ns))
 
 
 class Flown:

@@ -28,7 +28,7 @@ from visloc_companion.evaluate.cases import BadCase, Case, Truth, read_frame
 from visloc_companion.evaluate.images.case_map import picture_of
 from visloc_companion.evaluate.images.image_metrics import WRONG_PX, CaseResult, case_error
 from visloc_companion.geo.raster import T_map_pix_from_gdal, apply_affine, invert_affine
-from visloc_companion.maps.from_white import counts_from_white
+from visloc_companion.maps.from_white import as_shown
 from visloc_companion.maps.geotiff import crs_of
 from visloc_companion.maps.ground_pixel import ground_gsd_m
 from visloc_companion.maps.world_file import open_raster
@@ -218,9 +218,7 @@ def _layers(path: Path, rows: tuple[int, int], cols: tuple[int, int]) -> tuple[N
     try:
         with open_raster(path) as source:
             bands = source.read(window=Window.from_slices(*part, height=source.height, width=source.width))
-            if counts_from_white(source) and bands.dtype == np.uint8:
-                bands = np.uint8(255) - bands
-            bands = bands.astype(np.float32)
+            bands = as_shown(source, bands).astype(np.float32)
     except RasterioError:
         return None
     grey = bands[:3].mean(0)

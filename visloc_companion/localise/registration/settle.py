@@ -72,6 +72,7 @@ class Settler:
         growth_m = math.sqrt(prior.sigma_growth_m**2 + float(self._rounding_m2[2]))  # heights do not tell less of either
         self.pair, self.prior = pair, replace(prior, sigma_growth_m=growth_m)
         self.cells: SourceCells = cells_of(pair.source, pair.source_relief, pair.centre_m)
+        self._blocks: tuple[FloatArray, tuple[float, FloatArray]] | None = None
 
     def settle(self, start: FloatArray, steps: int = STEPS) -> Settled | None:
         """Refine a start whose height is not known yet, in so many steps; None where hardly anything of the source lies on the
@@ -106,9 +107,12 @@ class Settler:
         """T as it is; None where hardly anything of the source lies on the reference."""
         return self._settled(T, *self._near(T), 0)
 
-    def blocks_lead(self, settled: Settled) -> float:
-        """As Evidence."""
-        return of_blocks(self.cells, self._near(settled.refined.T)[1], settled.refined.T)[0]
+    def of_blocks(self, settled: Settled) -> tuple[float, FloatArray]:
+        """As nearby.of_blocks; where it was asked about last it is known."""
+        T = settled.refined.T
+        if self._blocks is None or not np.array_equal(self._blocks[0], T):
+            self._blocks = T, of_blocks(self.cells, self._near(T)[1], T)
+        return self._blocks[1]
 
     def held(self, starts: Iterable[FloatArray], sigma_m: float = HELD_M) -> list[Settled]:
         """Those of the starts of which enough lies on the reference, lifted and otherwise as they are: known to `sigma_m`."""
@@ -153,9 +157,7 @@ class Settler:
             runner_up(self.pair, scores, np.array([here, best.start_m, *(s.start_m for s in rest)])),
             headings.rival(refined_yaws, apart),
         )
-        blocks_lead, alike_m2 = (
-            of_blocks(self.cells, self._near(T)[1], T) if by_blocks else (0.0, spread_m2(self.pair, scores, here, self.prior))
-        )
+        blocks_lead, alike_m2 = self.of_blocks(best) if by_blocks else (0.0, spread_m2(self.pair, scores, here, self.prior))
         unchanged_lead, alike_m2 = unchanged or (0.0, alike_m2)
         placed = best.refined.placed.copy()
         placed[:2, :2] += alike_m2

@@ -60,7 +60,7 @@ def is_clear(best: Settled, candidates: Iterable[Settled], settler: Settler) -> 
     loose = float(np.linalg.eigvalsh(best.refined.placed[:2, :2])[-1]) > CLEAR_M**2
     if loose or abs(best.refined.bowl_m) > MOST_BOWL_M or best.found.score - max([0.0, *others]) < CLEAR_LEAD:
         return False
-    return settler.blocks_lead(best) >= CLEAR_NATS
+    return settler.of_blocks(best)[0] >= CLEAR_NATS
 
 
 def placed_by_unchanged(
